@@ -1,0 +1,253 @@
+"""surefoot: learn, test and ship push-recovery policies for humanoid robots."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from surefoot.errors import UserError
+
+console = Console(stderr=True)
+"""Everything but the results goes to standard error."""
+
+
+@dataclass(frozen=True)
+class Train:
+    """Learn a policy. Ctrl-C stops a run; --resume takes it up again."""
+
+    algorithm: str = "ddpg"
+    """trpo, ppo or ddpg."""
+    preset: str = "fast"
+    """fast (minutes on a laptop) or paper (the paper's hyperparameters, pose and pushes)."""
+    run: Path | None = None
+    """Folder of the run; runs/PRESET-ALGORITHM-SEED without it."""
+    minutes: float | None = None
+    """Wall-clock budget; the preset's without it."""
+    steps: int | None = None
+    """Budget in policy steps; the run ends with the first budget that is used up."""
+    seed: int = 0
+    """Seed of everything random."""
+    resume: Path | None = None
+    """Go on with the run in this folder instead of starting one."""
+
+    def main(self) -> None:
+        with _needs_torch():
+            from surefoot.learning.config import preset
+            from surefoot.learning.run_folder import RunFolder
+            from surefoot.learning.train import train, with_budget
+        _positive("minutes", self.minutes)
+        _positive("steps", self.steps)
+        _not_negative("seed", self.seed)
+        if self.resume is None:
+            config = with_budget(preset(self.preset, self.algorithm), self.minutes, self.steps, self.seed)
+            folder = self.run or Path("runs") / f"{config.preset}-{config.algorithm}-{config.seed}"
+        else:
+            config, folder = RunFolder(self.resume).config(), self.resume
+            config = with_budget(config, self.minutes, self.steps, config.seed)
+        console.print(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
+        try:
+            with _training_bar() as show:
+                train(config, folder, self.resume is not None, show)
+        except KeyboardInterrupt:
+            console.print(f"interrupted; go on with: surefoot train --resume {folder}")
+            raise
+        console.print(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Find how hard a push a policy survives, by the one definition of success (docs/method.md)."""
+
+    policy: Annotated[str, tyro.conf.Positional]
+    """A policy file (.onnx), a run folder, or "nominal" for the nominal pose held by the joint impedance alone."""
+    directions: int = 4
+    """Number of directions of the push, evenly spaced."""
+    results: Path = Path("results.sqlite")
+    """Results table (SQLite); trials that are in it already are not run again."""
+    json: str | None = None
+    """Write the figures as one flat JSON object to this file; - for standard output."""
+    export: Path | None = None
+    """Write all trials to this .csv or .parquet file."""
+
+    def main(self) -> None:
+        if self.directions < 4 or self.directions % 4:
+            raise UserError(f"directions must be a multiple of 4, not {self.directions}")
+        _, figures = evaluate_policy(self.policy, self.directions, self.results, _results_console(self.json))
+        if self.export:
+            from surefoot.results import Results
+
+            with Results(self.results) as results:
+                results.export("trials", self.export)
+        if self.json:
+            _write_json(figures, self.json)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure the speed of every layer, as ratios in one run."""
+
+    seconds: float = 20.0
+    """Time for each ratio."""
+    json: str | None = None
+    """Write the figures as one flat JSON object to this file; - for standard output."""
+
+    def main(self) -> None:
+        _positive("seconds", self.seconds)
+        with _needs_torch():
+            import torch  # noqa: F401
+        from surefoot.bench import bench_table, run_bench
+
+        with console.status("measuring") as status:
+            figures = run_bench(self.seconds, lambda stage: status.update(f"measuring {stage}"))
+        _results_console(self.json).print(bench_table(figures))
+        if self.json:
+            _write_json(figures, self.json)
+
+
+@dataclass(frozen=True)
+class Demo:
+    """The whole way in a few minutes: learn a policy, evaluate it, print the table, draw the pictures."""
+
+    minutes: float = 3.0
+    """Time for learning."""
+    algorithm: str = "ddpg"
+    """trpo, ppo or ddpg."""
+    out: Path = Path("runs/demo")
+    """Folder for the run, its results and its pictures."""
+    seed: int = 0
+    """Seed of everything random."""
+
+    def main(self) -> None:
+        from surefoot.demo import draw_pictures
+
+        if (self.out / "config.json").exists():
+            # The run of an earlier demo; nothing else is ever removed.
+            for file in self.out.iterdir():
+                file.unlink()
+        Train(algorithm=self.algorithm, run=self.out, minutes=self.minutes, seed=self.seed).main()
+        thresholds, _ = evaluate_policy(str(self.out), 4, self.out / "results.sqlite", Console())
+        with console.status("drawing pictures"):
+            pictures = draw_pictures(self.out, thresholds)
+        for picture in pictures:
+            console.print(f"picture: {picture}")
+
+
+def evaluate_policy(name: str, num_directions: int, path: Path, output: Console):
+    """Search, print and keep the thresholds of one policy: (thresholds, flat figures)."""
+    from surefoot import tables
+    from surefoot.evaluation import find_thresholds, push_lines
+    from surefoot.policy import NominalPolicy, load_policy
+    from surefoot.results import Results
+    from surefoot.robot import load_robot
+
+    policy = NominalPolicy() if name == "nominal" else load_policy(name)
+    robot = load_robot(policy.contract.robot)
+    pose = np.array(policy.contract.nominal_pose)
+    began = time.monotonic()
+    with Results(path) as results:
+        with _evaluation_bar() as show:
+            thresholds = find_thresholds(
+                policy, push_lines(num_directions=num_directions), results.trials_of(policy), show
+            )
+        results.add_thresholds(policy, thresholds)
+    figures = tables.flat_figures(thresholds, robot, pose, time.monotonic() - began)
+    output.print(tables.direction_table(policy.name, thresholds, robot, pose))
+    output.print(tables.table_1({policy.contract.training.get("algorithm", policy.name): thresholds}, robot))
+    return thresholds, figures
+
+
+COMMANDS: dict[str, Callable[..., Any]] = {"train": Train, "evaluate": Evaluate, "bench": Bench, "demo": Demo}
+
+
+def main() -> None:
+    """Entry point: errors that a user can mend are one line and exit code 2; Ctrl-C is 130."""
+    command = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="surefoot", description=__doc__)
+    try:
+        command.main()
+    except UserError as error:
+        console.print(f"surefoot: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+@contextlib.contextmanager
+def _needs_torch() -> Iterator[None]:
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise UserError(f"this needs {error.name}: pip install 'surefoot[learn]'") from error
+
+
+@contextlib.contextmanager
+def _training_bar() -> Iterator:
+    """A bar with share of the budget, time left, steps/s, episode length, and what the last probe rejected."""
+    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f}%"), TextColumn("{task.fields[says]}"))
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("train", total=1.0, says="starting")
+
+        def show(progress) -> None:
+            left = progress.seconds * (1.0 - progress.share) / max(progress.share, 1e-9)
+            says = (
+                f"{_clock(left)} left, {progress.steps:,} steps, {progress.steps_per_s:,.0f}/s, "
+                f"episode {progress.episode_length / 25:.1f} s"
+            )
+            if progress.probe:
+                rejected = " ".join(f"{impulse:.0f}" for impulse in progress.probe.main_directions().values())
+                says += f", rejects about {rejected} Ns (F L B R)"
+            bar.update(task, completed=progress.share, says=says)
+
+        yield show
+
+
+@contextlib.contextmanager
+def _evaluation_bar() -> Iterator:
+    columns = (SpinnerColumn(), TextColumn("{task.fields[says]}"), TimeElapsedColumn())
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("evaluate", total=None, says="pushing")
+
+        def show(num_trials: int, reached: list[float]) -> None:
+            bar.update(task, says=f"{num_trials:,} trials, at {' '.join(f'{ns:.0f}' for ns in reached)} Ns")
+
+        yield show
+
+
+def _results_console(json_path: str | None) -> Console:
+    """Standard output belongs to the JSON if it is asked for there."""
+    return console if json_path == "-" else Console()
+
+
+def _write_json(figures: dict[str, float], path: str) -> None:
+    text = json.dumps(figures, indent=2) + "\n"
+    if path == "-":
+        sys.stdout.write(text)
+        return
+    try:
+        Path(path).write_text(text)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _clock(seconds: float) -> str:
+    return f"{int(seconds // 60)}:{int(seconds % 60):02d}"
+
+
+def _positive(name: str, value: float | None) -> None:
+    if value is not None and not (np.isfinite(value) and value > 0):
+        raise UserError(f"{name} must be a positive number, not {value}")
+
+
+def _not_negative(name: str, value: int) -> None:
+    if value < 0:
+        raise UserError(f"{name} must not be negative, not {value}")

@@ -1,0 +1,166 @@
+"""Disturbance: pushes as data, and who gets one when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.robot import Robot
+from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP
+
+PUSH_DURATION = 0.12
+"""The paper's push: a constant force for 0.12 s."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """A constant force at the CoM of a body.
+
+    Attributes:
+        body: a pushable body of the robot.
+        direction: unit vector in the world frame; robots start facing +x.
+        impulse: force x duration [Ns].
+        start: seconds after the trial's beginning.
+        duration: [s].
+    """
+
+    body: str = "pelvis"
+    direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    impulse: float = 0.0
+    start: float = 0.0
+    duration: float = PUSH_DURATION
+
+
+class Pushes:
+    """The current push of each of N robots, written as wrenches at tick resolution.
+
+    Attributes:
+        start, end: first tick of the push and first tick after it, counted from the robot's reset, (N,).
+        body: MuJoCo body ids (N,).
+        force: world frame (N, 3) [N].
+    """
+
+    def __init__(self, robot: Robot, num_robots: int):
+        self.robot = robot
+        self.start = np.full(num_robots, np.iinfo(np.int64).max, np.int64)
+        self.end = self.start.copy()
+        self.body = np.zeros(num_robots, np.int64)
+        self.force = np.zeros((num_robots, 3))
+        self._written = np.zeros(0, np.int64)
+
+    def schedule(
+        self, ids: np.ndarray, body: np.ndarray, impulse: np.ndarray, start: np.ndarray, duration: float
+    ) -> None:
+        """Give robots `ids` (n,) a push: body ids (n,), impulse vectors (n, 3) [Ns], start ticks (n,), [s]."""
+        num_ticks = max(1, round(duration / CONTROL_DT))
+        self.start[ids], self.end[ids] = start, start + num_ticks
+        self.body[ids] = body
+        self.force[ids] = impulse / (num_ticks * CONTROL_DT)
+
+    def cancel(self, ids: np.ndarray) -> None:
+        """No push for robots `ids`."""
+        self.start[ids] = self.end[ids] = np.iinfo(np.int64).max
+
+    def write(self, wrench: np.ndarray, tick: np.ndarray) -> None:
+        """Write the forces of the next policy step.
+
+        Args:
+            wrench: (N, TICKS_PER_STEP, num_bodies, 6), all zero but for what the last call wrote.
+            tick: ticks since each robot's reset (N,).
+        """
+        wrench[self._written] = 0.0
+        active = np.flatnonzero((self.start < tick + TICKS_PER_STEP) & (self.end > tick))
+        now = tick[active, None] + np.arange(TICKS_PER_STEP)
+        pushed = (now >= self.start[active, None]) & (now < self.end[active, None])
+        wrench[active, :, self.body[active], :3] = pushed[..., None] * self.force[active, None]
+        self._written = active
+
+
+@dataclass(frozen=True)
+class DisturbanceConfig:
+    """Random horizontal pushes of a training episode; the defaults are the paper's (section IV-F).
+
+    Attributes:
+        bodies: who is pushed, one drawn per push.
+        impulse: range [Ns], uniform.
+        first: range of the first push's start [s], uniform.
+        interval: range of the time from one push to the next [s], uniform.
+        duration: [s].
+        curriculum: if given, the share of hard pushes to survive. Each direction then has a ceiling of its own
+            instead of the range's upper end: it rises while more are survived and sinks while fewer are.
+    """
+
+    bodies: tuple[str, ...] = ("pelvis",)
+    impulse: tuple[float, float] = (26.5, 106.0)
+    first: tuple[float, float] = (1.0, 1.0)
+    interval: tuple[float, float] = (5.0, 5.0)
+    duration: float = PUSH_DURATION
+    curriculum: float | None = None
+
+
+class RandomPushes:
+    """Draws every robot's next push once the last one has been survived.
+
+    Args:
+        config: ranges to draw from.
+        pushes: the N robots' pushes to fill.
+        rng: the environment batch's one generator.
+
+    Attributes:
+        ceiling: largest impulse drawn per sector of directions, (NUM_SECTORS,) [Ns], counter-clockwise from +x.
+    """
+
+    NUM_SECTORS = 16
+    FIRST_CEILING = 60.0
+    """Where a curriculum begins [Ns]: about what holding the nominal pose survives."""
+    STEP = 4.0
+    """How fast a curriculum moves [Ns per push]."""
+    HARD = 0.7
+    """Pushes above this share of the ceiling move it."""
+    SURVIVED_S = 2.0
+    """A push is survived when the robot has not fallen for so long after its start."""
+
+    def __init__(self, config: DisturbanceConfig, pushes: Pushes, rng: np.random.Generator):
+        self.config = config
+        self.pushes = pushes
+        self.rng = rng
+        highest = config.impulse[1] if config.curriculum is None else min(self.FIRST_CEILING, config.impulse[1])
+        self.ceiling = np.full(self.NUM_SECTORS, highest)
+        self._body_ids = np.array([pushes.robot.body_id(body) for body in config.bodies])
+        self._sector = np.zeros(len(pushes.start), np.int64)
+        self._impulse = np.zeros(len(pushes.start))
+        self._survived_ticks = round(min(self.SURVIVED_S, config.interval[0]) / CONTROL_DT)
+
+    def reset(self, ids: np.ndarray) -> None:
+        """Robots `ids` begin an episode."""
+        self._draw(ids, np.zeros(len(ids), np.int64), self.config.first)
+
+    def advance(self, tick: np.ndarray) -> None:
+        """Draw the next push of every robot that has survived its last one; `tick` (N,) since its reset."""
+        over = np.flatnonzero(self.pushes.start + self._survived_ticks <= tick)
+        if len(over):
+            self._move_ceiling(over, survived=True)
+            self._draw(over, self.pushes.start[over], self.config.interval)
+
+    def fell(self, ids: np.ndarray, tick: np.ndarray) -> None:
+        """Robots `ids` (n,) have fallen at `tick` (n,) since their reset."""
+        self._move_ceiling(ids[self.pushes.start[ids] < tick], survived=False)
+
+    def _move_ceiling(self, ids: np.ndarray, survived: bool) -> None:
+        if self.config.curriculum is None:
+            return
+        hard = ids[self._impulse[ids] > self.HARD * self.ceiling[self._sector[ids]]]
+        np.add.at(self.ceiling, self._sector[hard], self.STEP * (survived - self.config.curriculum))
+        np.clip(self.ceiling, *self.config.impulse, out=self.ceiling)
+
+    def _draw(self, ids: np.ndarray, since: np.ndarray, wait: tuple[float, float]) -> None:
+        n = len(ids)
+        start = since + np.rint(self.rng.uniform(*wait, n) / CONTROL_DT).astype(np.int64)
+        angle = self.rng.uniform(0.0, 2.0 * np.pi, n)
+        # Sectors are centred on the main directions.
+        self._sector[ids] = np.rint(angle / (2.0 * np.pi) * self.NUM_SECTORS).astype(np.int64) % self.NUM_SECTORS
+        self._impulse[ids] = self.rng.uniform(self.config.impulse[0], self.ceiling[self._sector[ids]])
+        direction = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)
+        body = self.rng.choice(self._body_ids, n)
+        self.pushes.schedule(ids, body, self._impulse[ids, None] * direction, start, self.config.duration)

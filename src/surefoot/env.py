@@ -1,0 +1,124 @@
+"""Environment: act, simulate, reward, observe, for a batch of robots; one robot is the special case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from surefoot import observation, reward
+from surefoot.control import ControlLoop
+from surefoot.disturbance import DisturbanceConfig, RandomPushes
+from surefoot.robot import load_robot
+from surefoot.simulation import CONTROL_HZ, POLICY_HZ
+
+Schedule = tuple[tuple[float, float], ...]
+"""Knots (share of the training done, value), linear between them."""
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """What a robot is asked to do; the defaults are the paper's.
+
+    Attributes:
+        robot: its name.
+        pose: name of the nominal pose: where the robot starts, and what an action of zero means.
+        action_scale: joint angle [rad] per unit of action.
+        episode_s: an episode is truncated after this time [s].
+        joint_noise: start angles differ from the nominal pose by up to this [rad], uniform.
+        drop_height: range of the height above the floor from which an episode starts [m], uniform.
+        drop_share: share of the episodes that start from such a height; the others start on the floor.
+        power_weight: penalty per watt, over the share of the training done.
+        disturbance: the pushes.
+    """
+
+    robot: str = "valkyrie"
+    pose: str = "straight"
+    action_scale: float = 1.0
+    episode_s: float = 16.0
+    joint_noise: float = 0.02
+    drop_height: tuple[float, float] = (0.0, 0.0)
+    drop_share: float = 0.0
+    power_weight: Schedule = ((0.0, 1e-4),)
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+
+
+class PushRecoveryVectorEnv(gym.vector.VectorEnv):
+    """N robots that are pushed and must not fall.
+
+    Observation: (N, 47) float32, `observation.component_names`. Action: (N, 11) in [-1, 1], joint targets as the
+    nominal pose plus `action_scale` times the action, clipped to the joint ranges. An episode terminates when
+    anything but a foot touches the ground (or its numbers become non-finite), and is truncated at `episode_s`.
+    A robot whose episode ends starts the next one in the same step; its last observation is `final_obs` of the info.
+    """
+
+    metadata = {
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "render_modes": [],
+        "render_fps": POLICY_HZ,
+    }
+
+    render_mode = None
+
+    def __init__(self, num_envs: int, config: EnvConfig | None = None, num_threads: int = 0):
+        self.config = config = config or EnvConfig()
+        self.num_envs = num_envs
+        self.robot = load_robot(config.robot)
+        self.loop = ControlLoop(self.robot, num_envs, self.robot.pose(config.pose), config.action_scale, num_threads)
+        num_observations = len(observation.component_names(self.robot))
+        self.single_observation_space = gym.spaces.Box(-np.inf, np.inf, (num_observations,), np.float32)
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (self.robot.num_joints,), np.float32)
+        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.max_ticks = round(config.episode_s * CONTROL_HZ)
+        self.power_weight = config.power_weight[0][1]
+        self.reward_means: dict[str, float] = {}
+        self._seed(None)
+
+    def _seed(self, seed: int | None) -> None:
+        self.generator, self._np_random_seed = gym.utils.seeding.np_random(seed)
+        self._np_random = self.generator
+        self.random_pushes = RandomPushes(self.config.disturbance, self.loop.pushes, self.generator)
+
+    def set_progress(self, progress: float) -> None:
+        """Tell the schedules the share of the training done, 0 to 1."""
+        knots = np.array(self.config.power_weight)
+        self.power_weight = float(np.interp(progress, knots[:, 0], knots[:, 1]))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start every robot anew; with a seed, the same seed gives the same bits."""
+        if seed is not None:
+            self._seed(seed)
+        self._reset(np.arange(self.num_envs))
+        return self.loop.observation.astype(np.float32), {}
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Advance every robot by one policy step: act, simulate, reward, observe."""
+        self.random_pushes.advance(self.loop.tick)
+        ticks = self.loop.step(actions)
+        rewards, self.reward_means = reward.step_reward(ticks, self.loop.nominal_com_height, self.power_weight)
+        observations = self.loop.observation.astype(np.float32)
+        terminated = ticks.non_foot_contact.any(axis=1) | self.loop.simulation.diverged
+        truncated = (self.loop.tick >= self.max_ticks) & ~terminated
+        info: dict[str, Any] = {}
+        done = terminated | truncated
+        if done.any():
+            info = {"final_obs": observations.copy(), "_final_obs": done}
+            fallen = np.flatnonzero(terminated)
+            self.random_pushes.fell(fallen, self.loop.tick[fallen])
+            self._reset(np.flatnonzero(done))
+            observations[done] = self.loop.observation[done]
+        return observations, rewards, terminated, truncated, info
+
+    def _reset(self, ids: np.ndarray) -> None:
+        rng, config, n = self.generator, self.config, len(ids)
+        noise = rng.uniform(-config.joint_noise, config.joint_noise, (n, self.robot.num_joints))
+        joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
+        height = rng.uniform(*config.drop_height, n) * (rng.random(n) < config.drop_share)
+        self.loop.reset(ids, joints, height=height)
+        self.random_pushes.reset(ids)

@@ -1,0 +1,175 @@
+"""What a training run is told: two named presets, `paper` and `fast`, for each algorithm."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from surefoot.disturbance import DisturbanceConfig
+from surefoot.env import EnvConfig
+from surefoot.errors import UserError
+
+HALF_LIFE_GAMMA = 0.95
+"""Section III-B of the paper: a reward is to count half after 0.5 s, the time in which a balance is lost or won. At
+25 Hz that is 13 policy steps, and gamma^13 = 0.5 gives gamma = 0.948, rounded to 0.95."""
+
+LAYERS = (100, 50, 25)
+"""Hidden layers of the paper's actor and critic."""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """One training run.
+
+    Attributes:
+        algorithm: "trpo", "ppo" or "ddpg".
+        preset: name of the preset that this began as.
+        seed: of everything random.
+        minutes: wall-clock budget, evaluation included.
+        steps: budget in policy steps; the run ends with the first budget that is used up.
+        num_envs: robots in the batch.
+        actor, critic: hidden layers.
+        hyper: keyword arguments of the algorithm in stable-baselines3.
+        final_learning_rate: share of the learning rate left at the end; it falls linearly.
+        log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
+        noise: standard deviation of the calmest and the boldest robot's exploration (DDPG).
+        mirror: replay half of every batch in the mirror (DDPG).
+        env: the task.
+    """
+
+    algorithm: str = "ddpg"
+    preset: str = "fast"
+    seed: int = 0
+    minutes: float = 15.0
+    steps: int | None = None
+    num_envs: int = 256
+    actor: tuple[int, ...] = LAYERS
+    critic: tuple[int, ...] = LAYERS
+    hyper: dict[str, Any] = field(default_factory=dict)
+    final_learning_rate: float = 1.0
+    log_std: float = 0.0
+    noise: tuple[float, float] = (0.1, 0.1)
+    mirror: bool = False
+    env: EnvConfig = field(default_factory=EnvConfig)
+
+    def to_json(self) -> str:
+        return json.dumps(dataclasses.asdict(self), indent=2)
+
+    @classmethod
+    def from_json(cls, text: str) -> TrainConfig:
+        """Raises ValueError, TypeError or KeyError for anything that `to_json` does not write."""
+        values = _tuples(json.loads(text))
+        env = values.pop("env")
+        disturbance = DisturbanceConfig(**env.pop("disturbance"))
+        return cls(**values, env=EnvConfig(**env, disturbance=disturbance))
+
+
+# Supplementary material of the paper; 256 robots x 16 steps are its 4096 time steps per batch.
+_PAPER_ON_POLICY = {
+    "n_steps": 16,
+    "batch_size": 256,
+    "learning_rate": 3e-4,
+    "gamma": HALF_LIFE_GAMMA,
+    "gae_lambda": 0.95,
+}
+_PAPER = {
+    "trpo": TrainConfig(
+        algorithm="trpo",
+        preset="paper",
+        hyper={
+            **_PAPER_ON_POLICY,
+            "target_kl": 0.01,
+            "cg_max_steps": 10,
+            "cg_damping": 0.1,
+            "n_critic_updates": 10,
+        },
+    ),
+    "ppo": TrainConfig(
+        algorithm="ppo",
+        preset="paper",
+        hyper={**_PAPER_ON_POLICY, "n_epochs": 10, "clip_range": 0.2, "ent_coef": 0.0},
+    ),
+    # The paper gives no hyperparameters for DDPG: those of Lillicrap et al. 2016, where SB3 has them.
+    "ddpg": TrainConfig(
+        algorithm="ddpg",
+        preset="paper",
+        num_envs=128,
+        hyper={
+            "learning_rate": 1e-3,
+            "batch_size": 256,
+            "buffer_size": 1_000_000,
+            "learning_starts": 10_000,
+            "tau": 0.001,
+            "gamma": HALF_LIFE_GAMMA,
+            "train_freq": 1,
+            "gradient_steps": 8,
+        },
+    ),
+}
+
+# What differs from the paper, and why, is in docs/training.md.
+_FAST_ENV = EnvConfig(
+    pose="bent",
+    action_scale=0.6,
+    power_weight=((0.0, 3e-4), (0.5, 3e-4), (0.8, 1e-3)),
+    disturbance=DisturbanceConfig(impulse=(20.0, 600.0), first=(0.4, 3.4), interval=(2.4, 4.4), curriculum=0.7),
+)
+_FAST_ON_POLICY = {"n_steps": 32, "gamma": 0.97, "gae_lambda": 0.95}
+_FAST = {
+    "trpo": TrainConfig(
+        algorithm="trpo",
+        hyper={**_FAST_ON_POLICY, "batch_size": 1024, "learning_rate": 1e-3, "target_kl": 0.02, "cg_max_steps": 10},
+        log_std=-1.0,
+        env=_FAST_ENV,
+    ),
+    "ppo": TrainConfig(
+        algorithm="ppo",
+        hyper={**_FAST_ON_POLICY, "batch_size": 1024, "n_epochs": 5, "learning_rate": 3e-4, "ent_coef": 0.002},
+        log_std=-1.0,
+        env=_FAST_ENV,
+    ),
+    "ddpg": TrainConfig(
+        algorithm="ddpg",
+        num_envs=128,
+        critic=(256, 256),
+        hyper={
+            "learning_rate": 1e-3,
+            "batch_size": 256,
+            "buffer_size": 600_000,
+            "learning_starts": 6_000,
+            "tau": 0.005,
+            "gamma": 0.97,
+            "n_steps": 3,
+            "train_freq": 1,
+            "gradient_steps": 8,
+        },
+        noise=(0.02, 0.4),
+        mirror=True,
+        env=_FAST_ENV,
+    ),
+}
+PRESETS = {"paper": _PAPER, "fast": _FAST}
+
+
+def preset(name: str, algorithm: str) -> TrainConfig:
+    """The named preset for an algorithm.
+
+    Raises:
+        UserError: there is no such preset or algorithm.
+    """
+    if name not in PRESETS:
+        raise UserError(f"unknown preset '{name}'; valid: {', '.join(PRESETS)}")
+    if algorithm not in PRESETS[name]:
+        raise UserError(f"unknown algorithm '{algorithm}'; valid: {', '.join(PRESETS[name])}")
+    return PRESETS[name][algorithm]
+
+
+def _tuples(value: Any) -> Any:
+    """JSON's lists as tuples, all the way down."""
+    if isinstance(value, list):
+        return tuple(_tuples(item) for item in value)
+    if isinstance(value, dict):
+        return {key: _tuples(item) for key, item in value.items()}
+    return value

@@ -1,0 +1,303 @@
+"""Training: one loop for every algorithm. SB3 collects and updates; we watch the clock, probe, and keep the best."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+import surefoot
+from surefoot import observation
+from surefoot.env import PushRecoveryVectorEnv
+from surefoot.learning.config import TrainConfig
+from surefoot.learning.probe import Probe, probe
+from surefoot.learning.run_folder import RunFolder
+from surefoot.learning.sb3 import (
+    ALGORITHMS,
+    DeterministicPolicy,
+    GaussianNoise,
+    GaussianPolicy,
+    MirroredReplayBuffer,
+    SB3VecEnv,
+    actor_layers,
+)
+from surefoot.policy import Contract, NetworkPolicy, network_bytes
+
+PROBE_S = 30.0
+"""Time from one probe and checkpoint to the next."""
+LOG_S = 2.0
+_FOREVER = 10**12
+
+
+@dataclass
+class Progress:
+    """Where a run is, for whoever shows it.
+
+    Attributes:
+        share: of the budget used, 0 to 1.
+        seconds: since the run began, earlier sittings included.
+        steps: policy steps.
+        steps_per_s: lately.
+        episode_length: mean of the last episodes, in policy steps.
+        probe: the last one.
+    """
+
+    share: float = 0.0
+    seconds: float = 0.0
+    steps: int = 0
+    steps_per_s: float = 0.0
+    episode_length: float = 0.0
+    probe: Probe | None = None
+
+
+class Trainer:
+    """One training run in its folder.
+
+    Args:
+        config: what to learn.
+        folder: where to keep it.
+        resume: go on from the folder's checkpoint.
+        on_progress: called a few times a second.
+    """
+
+    def __init__(
+        self,
+        config: TrainConfig,
+        folder: RunFolder,
+        resume: bool = False,
+        on_progress: Callable[[Progress], None] | None = None,
+    ):
+        self.config = config
+        self.folder = folder
+        self.on_progress = on_progress
+        self.progress = Progress()
+        self.best_score = -np.inf
+        self.interrupted = False
+        self.env = PushRecoveryVectorEnv(config.num_envs, config.env)
+        self.venv = SB3VecEnv(self.env)
+        self.rng = np.random.default_rng(config.seed)
+        self.model = make_model(config, self.venv, self.rng, self._learning_rate)
+        self._seconds_before = 0.0
+        if resume:
+            self._restore()
+
+    def run(self) -> None:
+        """Learn until the budget is used up.
+
+        Raises:
+            KeyboardInterrupt: on Ctrl-C, after a checkpoint; a second Ctrl-C does not wait for it.
+        """
+        self.model.set_logger(configure(str(self.folder.path), ["tensorboard"]))
+        self._began = time.monotonic()
+        with _deferred_interrupt(self._stop):
+            self.model.learn(_FOREVER, callback=_Watch(self), log_interval=_FOREVER, reset_num_timesteps=False)
+        self.model.logger.close()
+        if self.interrupted:
+            self.checkpoint()
+            raise KeyboardInterrupt
+        self.keep()
+
+    def _stop(self) -> None:
+        self.interrupted = True
+
+    def clock(self) -> None:
+        """Bring the progress up to date."""
+        p, config = self.progress, self.config
+        p.seconds = self._seconds_before + time.monotonic() - self._began
+        p.steps = self.model.num_timesteps
+        p.share = min(1.0, max(p.seconds / (60.0 * config.minutes), p.steps / config.steps if config.steps else 0.0))
+        lengths = [episode["l"] for episode in self.model.ep_info_buffer or ()]
+        p.episode_length = float(np.mean(lengths)) if lengths else 0.0
+        self.env.set_progress(p.share)
+
+    def keep(self) -> None:
+        """Probe the policy, keep it if it is the best, and write a checkpoint."""
+        self.clock()
+        data = self.policy_bytes()
+        found = self.progress.probe = probe(NetworkPolicy(data, "probe"))
+        self.folder.save_policy("last", data)
+        if found.score > self.best_score:
+            self.best_score = found.score
+            self.folder.save_policy("best", data)
+        self.folder.append_curve(self._curve_row(found))
+        self.checkpoint()
+
+    def checkpoint(self) -> None:
+        """Write all that is needed to go on from here."""
+        self.clock()
+        self.folder.save_checkpoint(self.model.get_parameters(), self._state())
+
+    def policy_bytes(self) -> bytes:
+        """The deterministic policy as a policy file."""
+        contract = Contract.of(self.env.robot, self.config.env.pose, self.config.env.action_scale, self._record())
+        normalise = self.venv.normalise
+        squash = isinstance(self.model, OffPolicyAlgorithm)
+        return network_bytes(actor_layers(self.model), normalise.mean, normalise.std, squash, contract)
+
+    def _record(self) -> dict[str, Any]:
+        p, config = self.progress, self.config
+        return {
+            "algorithm": config.algorithm,
+            "preset": config.preset,
+            "seed": config.seed,
+            "policy_steps": p.steps,
+            "minutes": round(p.seconds / 60.0, 2),
+            "cores": os.cpu_count(),
+            "surefoot": surefoot.__version__,
+        }
+
+    def _curve_row(self, found: Probe) -> dict[str, float]:
+        returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
+        return {
+            "minutes": self.progress.seconds / 60.0,
+            "steps": self.progress.steps,
+            "recovered": found.recovered,
+            "fell": found.fell,
+            **found.main_directions(),
+            "episode_length": self.progress.episode_length,
+            "episode_return": float(np.mean(returns)) if returns else 0.0,
+        }
+
+    def _state(self) -> dict[str, Any]:
+        return {
+            "steps": self.model.num_timesteps,
+            "seconds": self.progress.seconds,
+            "best_score": self.best_score,
+            "noise_generator": self.rng.bit_generator.state,
+            "env_generator": self.env.generator.bit_generator.state,
+            "torch_generator": torch.get_rng_state(),
+        }
+
+    def _restore(self) -> None:
+        parameters, state = self.folder.load_checkpoint()
+        self.model.set_parameters(parameters)  # type: ignore[arg-type]
+        self.model.num_timesteps = state["steps"]
+        self.best_score = state["best_score"]
+        self._seconds_before = self.progress.seconds = state["seconds"]
+        self.rng.bit_generator.state = state["noise_generator"]
+        self.venv.seed(None)
+        self.env.reset(seed=self.config.seed)
+        self.env.generator.bit_generator.state = state["env_generator"]
+        torch.set_rng_state(state["torch_generator"])
+
+    def _learning_rate(self, _: float) -> float:
+        share = 1.0 - (1.0 - self.config.final_learning_rate) * self.progress.share
+        return self.config.hyper["learning_rate"] * share
+
+
+def make_model(
+    config: TrainConfig, venv: SB3VecEnv, rng: np.random.Generator, learning_rate: Callable[[float], float] | float
+) -> BaseAlgorithm:
+    """The algorithm on its environment, networks new."""
+    hyper = {**config.hyper, "learning_rate": learning_rate}
+    common: dict[str, Any] = {"seed": config.seed, "device": "cpu"}
+    robot = venv.env.robot
+    mirrors = (observation.mirror(robot), observation.mirror_joints(robot)) if config.mirror else None
+    if config.algorithm == "ddpg":
+        networks: dict[str, Any] = {"net_arch": {"pi": list(config.actor), "qf": list(config.critic)}}
+        if mirrors:
+            hyper["replay_buffer_class"] = MirroredReplayBuffer
+            n_step_return = {"n_steps": hyper.pop("n_steps", 1), "gamma": hyper["gamma"]}
+            hyper["replay_buffer_kwargs"] = {"mirrors": mirrors, **n_step_return}
+        hyper["action_noise"] = GaussianNoise((config.num_envs, robot.num_joints), config.noise, rng)
+        return ALGORITHMS["ddpg"](DeterministicPolicy, venv, policy_kwargs=networks, **hyper, **common)
+    networks = {"net_arch": {"pi": list(config.actor), "vf": list(config.critic)}, "log_std_init": config.log_std}
+    networks["mirrors"] = mirrors
+    return ALGORITHMS[config.algorithm](GaussianPolicy, venv, policy_kwargs=networks, **hyper, **common)
+
+
+class _Watch(BaseCallback):
+    """SB3's hook into our loop."""
+
+    def __init__(self, trainer: Trainer):
+        super().__init__()
+        self.trainer = trainer
+        self._kept = self._logged = time.monotonic()
+        self._logged_steps = trainer.model.num_timesteps
+        self._reward_sums: dict[str, float] = {}
+        self._num_sums = 0
+
+    def _on_rollout_start(self) -> None:
+        trainer, now = self.trainer, time.monotonic()
+        trainer.clock()
+        if now - self._kept > PROBE_S:
+            trainer.keep()
+            self._kept = self._logged = time.monotonic()
+            self._logged_steps = self.model.num_timesteps
+        elif now - self._logged > LOG_S:
+            self._log(now)
+
+    def _on_step(self) -> bool:
+        for name, mean in self.trainer.env.reward_means.items():
+            self._reward_sums[name] = self._reward_sums.get(name, 0.0) + mean
+        self._num_sums += 1
+        self.trainer.clock()
+        return self.trainer.progress.share < 1.0 and not self.trainer.interrupted
+
+    def _log(self, now: float) -> None:
+        progress = self.trainer.progress
+        progress.steps_per_s = (self.model.num_timesteps - self._logged_steps) / (now - self._logged)
+        self._logged, self._logged_steps = now, self.model.num_timesteps
+        for name, total in self._reward_sums.items():
+            self.logger.record(f"reward/{name}", total / self._num_sums)
+        self._reward_sums, self._num_sums = {}, 0
+        self.logger.record("rollout/episode_length", progress.episode_length)
+        self.logger.record("time/steps_per_s", progress.steps_per_s)
+        if progress.probe:
+            self.logger.record("probe/recovered", progress.probe.recovered)
+            for name, impulse in progress.probe.main_directions().items():
+                self.logger.record(f"probe/{name}_Ns", impulse)
+        self.logger.dump(self.model.num_timesteps)
+        if self.trainer.on_progress:
+            self.trainer.on_progress(progress)
+
+
+@contextlib.contextmanager
+def _deferred_interrupt(stop: Callable[[], None]) -> Iterator[None]:
+    """Let the first Ctrl-C only ask for a stop, so that no update or file is cut in two."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def handle(number: int, frame: object) -> None:
+        signal.signal(signal.SIGINT, before)
+        stop()
+
+    before = signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def train(
+    config: TrainConfig, path: str | Path, resume: bool = False, on_progress: Callable[[Progress], None] | None = None
+) -> Trainer:
+    """Run a training to its end, in a new folder or from the checkpoint of an old one.
+
+    Raises:
+        UserError: the folder is not fit for it.
+    """
+    folder = RunFolder(path) if resume else RunFolder.create(path, config)
+    trainer = Trainer(config, folder, resume, on_progress)
+    trainer.run()
+    return trainer
+
+
+def with_budget(config: TrainConfig, minutes: float | None, steps: int | None, seed: int) -> TrainConfig:
+    """The configuration with another budget and seed."""
+    return dataclasses.replace(config, minutes=minutes or config.minutes, steps=steps or config.steps, seed=seed)

@@ -1,0 +1,127 @@
+"""Reward: the six groups of Yang et al. 2018, section IV-D, one function per term, one table of weights.
+
+A term is w * exp(-alpha * error^2). Terms are summed, divided by the sum of the weights and multiplied by 10;
+penalties are added; the reward of a policy step is 0.1 times the mean over its ticks, so that standing perfectly
+still earns 1 per step. Weights and alphas are those of the group's public code; the paper gives only the form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from surefoot.simulation import Ticks
+
+NO_FOOT_CONTACT = -2.0
+NON_FOOT_CONTACT = -10.0
+SCALE = 10.0
+STEP_SCALE = 0.1
+
+
+class Term(NamedTuple):
+    """One term of the reward: `error` maps ticks to (num_robots, num_ticks)."""
+
+    error: Callable[[Ticks, float], np.ndarray]
+    weight: float
+    alpha: float
+
+
+def com_position_xy(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """Horizontal distance from the CoM to the centre of the support polygon [m]."""
+    offset = ticks.com_position[..., :2] - ticks.support_center
+    return np.hypot(offset[..., 0], offset[..., 1])
+
+
+def com_height(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """Height of the CoM above the soles over its nominal value [m]."""
+    return ticks.com_height - nominal_com_height
+
+
+def com_velocity_xy(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """Distance of the CoM's velocity from the one that puts the capture point on the support's centre [m/s].
+
+    The target is -(CoM - centre) * sqrt(g / z). In the air the term is void: an infinite error.
+    """
+    rate = np.sqrt(ticks.robot.gravity / np.maximum(ticks.com_height, 0.1))
+    error = (ticks.com_position[..., :2] - ticks.support_center) * rate[..., None] + ticks.com_velocity[..., :2]
+    touching = ticks.foot_contact[..., 0] | ticks.foot_contact[..., 1]
+    return np.where(touching, np.hypot(error[..., 0], error[..., 1]), np.inf)
+
+
+def com_velocity_z(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """Vertical velocity of the CoM [m/s]."""
+    return ticks.com_velocity[..., 2]
+
+
+def torso_pitch(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """[rad]"""
+    return ticks.torso_attitude[1]
+
+
+def torso_roll(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """[rad]"""
+    return ticks.torso_attitude[0]
+
+
+def pelvis_pitch(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """[rad]"""
+    return ticks.pelvis_attitude[1]
+
+
+def pelvis_roll(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """[rad]"""
+    return ticks.pelvis_attitude[0]
+
+
+def left_foot_force(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """Normal force over half the weight [N]."""
+    return ticks.foot_force[..., 0] - 0.5 * ticks.robot.weight
+
+
+def right_foot_force(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
+    """Normal force over half the weight [N]."""
+    return ticks.foot_force[..., 1] - 0.5 * ticks.robot.weight
+
+
+TERMS: dict[str, Term] = {
+    "com_position_xy": Term(com_position_xy, weight=2.0, alpha=19.51),
+    "com_height": Term(com_height, weight=3.0, alpha=113.84),
+    "com_velocity_xy": Term(com_velocity_xy, weight=2.0, alpha=0.57),
+    "com_velocity_z": Term(com_velocity_z, weight=1.0, alpha=3.69),
+    "torso_pitch": Term(torso_pitch, weight=1.0, alpha=4.68),
+    "torso_roll": Term(torso_roll, weight=1.0, alpha=4.68),
+    "pelvis_pitch": Term(pelvis_pitch, weight=1.0, alpha=4.68),
+    "pelvis_roll": Term(pelvis_roll, weight=1.0, alpha=4.68),
+    "left_foot_force": Term(left_foot_force, weight=1.0, alpha=2e-5),
+    "right_foot_force": Term(right_foot_force, weight=1.0, alpha=2e-5),
+}
+_WEIGHT = np.array([term.weight for term in TERMS.values()])
+_ALPHA = np.array([term.alpha for term in TERMS.values()])
+NAMES = (*TERMS, "no_foot_contact", "non_foot_contact", "power")
+
+
+def step_reward(ticks: Ticks, nominal_com_height: float, power_weight: float) -> tuple[np.ndarray, dict[str, float]]:
+    """Reward of one policy step.
+
+    Args:
+        nominal_com_height: height of the CoM above the soles in the nominal pose [m].
+        power_weight: penalty per watt of sum |torque * velocity|, on the scale on which perfect standing is 10.
+
+    Returns:
+        reward: (num_robots,).
+        means: every term's mean over robots and ticks, before its weight for the terms, after it for the penalties.
+    """
+    errors = np.stack([term.error(ticks, nominal_com_height) for term in TERMS.values()])
+    terms = np.exp(-_ALPHA[:, None, None] * errors**2).mean(axis=-1)
+    penalties = np.stack(
+        [
+            NO_FOOT_CONTACT * (~ticks.foot_contact.any(axis=-1)).mean(axis=-1),
+            NON_FOOT_CONTACT * ticks.non_foot_contact.mean(axis=-1),
+            -power_weight * ticks.power.mean(axis=-1),
+        ]
+    )
+    reward = STEP_SCALE * (SCALE / _WEIGHT.sum() * (_WEIGHT @ terms) + penalties.sum(axis=0))
+    means = np.concatenate([terms, penalties]).mean(axis=1)
+    return reward, dict(zip(NAMES, means.tolist(), strict=True))

@@ -1,0 +1,56 @@
+"""Signals between policy and joints: the low-pass filter of the observation, the path of the joint targets."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import butter
+
+CUTOFF_HZ = 10.0
+
+
+class LowPass:
+    """First-order Butterworth low-pass of batches of signals, advanced by whole blocks of ticks.
+
+    y[k] = b0 x[k] + b1 x[k-1] - a1 y[k-1]. A policy sees only the last tick of its step, and that is linear in the
+    block's ticks and the filter's state, so that one product per block does what a loop over ticks would.
+
+    Args:
+        num_robots, num_signals: shape of the filter's state.
+        block: ticks per call.
+        cutoff_hz, sample_hz: the filter's design.
+    """
+
+    def __init__(self, num_robots: int, num_signals: int, block: int, sample_hz: float, cutoff_hz: float = CUTOFF_HZ):
+        (b0, b1), (_, a1) = butter(1, cutoff_hz, fs=sample_hz)
+        decay = (-a1) ** np.arange(block - 1, -1, -1.0)
+        self._block_weight = b0 * decay
+        self._block_weight[:-1] += b1 * decay[1:]
+        self._input_weight = b1 * decay[0]
+        self._output_weight = (-a1) ** block
+        self._input = np.zeros((num_robots, num_signals))
+        self.output = np.zeros((num_robots, num_signals))
+
+    def reset(self, ids: np.ndarray, signal: np.ndarray) -> None:
+        """Start robots `ids` (n,) in the steady state of a constant signal (n, num_signals)."""
+        self._input[ids] = signal
+        self.output[ids] = signal
+
+    def __call__(self, signal: np.ndarray, ids: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Filter a block (n, block, num_signals) of robots `ids`; returns its last output (n, num_signals)."""
+        self.output[ids] = (
+            self._output_weight * self.output[ids]
+            + self._input_weight * self._input[ids]
+            + np.matmul(self._block_weight, signal)
+        )
+        self._input[ids] = signal[:, -1]
+        return self.output[ids]
+
+
+def cubic_path(start: np.ndarray, end: np.ndarray, num_ticks: int) -> np.ndarray:
+    """Targets (n, num_ticks, k) from `start` to `end` (n, k), at rest at both ends; the last tick is `end`.
+
+    s(u) = 3 u^2 - 2 u^3 for u = 1/num_ticks .. 1.
+    """
+    u = np.arange(1, num_ticks + 1) / num_ticks
+    share = (u * u * (3.0 - 2.0 * u))[:, None]
+    return start[:, None] + share * (end - start)[:, None]

@@ -1,0 +1,342 @@
+"""Simulation: many robots on all cores at 500 Hz, and the named quantities of what they did.
+
+Joint targets and wrenches go in, one call advances every robot by one policy step (20 ticks), and `Ticks` comes
+out. Quantities are in the world frame and in SI units unless their name says otherwise. A tick is recorded at its
+start, before the physics step that it begins.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from surefoot import balance
+from surefoot.robot import Robot
+
+POLICY_HZ = 25
+CONTROL_HZ = 500
+TICKS_PER_STEP = CONTROL_HZ // POLICY_HZ
+POLICY_DT = 1.0 / POLICY_HZ
+CONTROL_DT = 1.0 / CONTROL_HZ
+
+_CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
+_DIVERGENCE_WARNINGS = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjNWARNING))
+# The layout of a contact sensor with data="found force torque pos".
+_FOUND, _FORCE, _POINT = 0, slice(1, 4), slice(7, 10)
+
+
+class Ticks:
+    """Named quantities of some ticks of some robots: arrays (num_robots, num_ticks, ...), computed when asked for."""
+
+    def __init__(self, robot: Robot, layout: dict[str, slice], record: np.ndarray):
+        self.robot = robot
+        self.record = record
+        self._layout = layout
+
+    def __getitem__(self, sensor: str) -> np.ndarray:
+        """The recorded values of one sensor of the MJCF file, by its name: (num_robots, num_ticks, size)."""
+        return self.record[..., self._layout[sensor]]
+
+    def _joints(self, quantity: str) -> np.ndarray:
+        names = self.robot.joint_names
+        first, last = self._layout[f"{names[0]}_{quantity}"], self._layout[f"{names[-1]}_{quantity}"]
+        return self.record[..., first.start : last.stop]
+
+    def _feet(self, quantity: str) -> np.ndarray:
+        """Both feet's values of a quantity, (num_robots, num_ticks, 2, size): left, right."""
+        left, right = self._layout[f"left_{quantity}"], self._layout[f"right_{quantity}"]
+        both = self.record[..., left.start : right.stop]
+        return both.reshape(*both.shape[:-1], 2, left.stop - left.start)
+
+    # Joints: (num_robots, num_ticks, num_joints).
+
+    @cached_property
+    def joint_position(self) -> np.ndarray:
+        return self._joints("position")
+
+    @cached_property
+    def joint_velocity(self) -> np.ndarray:
+        return self._joints("velocity")
+
+    @cached_property
+    def joint_torque(self) -> np.ndarray:
+        return self._joints("torque")
+
+    @cached_property
+    def power(self) -> np.ndarray:
+        """Sum of |torque * velocity| over the joints [W] (the paper's power term): (num_robots, num_ticks)."""
+        return np.abs(self.joint_torque * self.joint_velocity).sum(axis=-1)
+
+    # The body as a whole: (num_robots, num_ticks, 3).
+
+    @property
+    def com_position(self) -> np.ndarray:
+        return self["com_position"]
+
+    @property
+    def com_velocity(self) -> np.ndarray:
+        return self["com_velocity"]
+
+    @property
+    def angular_momentum(self) -> np.ndarray:
+        """About the CoM [kg m^2/s]."""
+        return self["angular_momentum"]
+
+    @cached_property
+    def com_height(self) -> np.ndarray:
+        """Height of the CoM above the lower sole [m]: (num_robots, num_ticks)."""
+        heights = self.sole_position[..., 2]
+        return self.com_position[..., 2] - np.minimum(heights[..., 0], heights[..., 1])
+
+    @cached_property
+    def capture_point(self) -> np.ndarray:
+        """Equation (5) of the paper [m]: (num_robots, num_ticks, 2)."""
+        com = self.com_position
+        return balance.capture_point(com[..., :2], self.com_velocity[..., :2], self.com_height, self.robot.gravity)
+
+    # Attitude.
+
+    @cached_property
+    def heading(self) -> np.ndarray:
+        """The pelvis yaw as (cos, sin): (2, num_robots, num_ticks)."""
+        w, x, y, z = np.moveaxis(self["pelvis_orientation"], -1, 0)
+        direction = np.stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
+        return direction / np.maximum(np.hypot(direction[0], direction[1]), 1e-12)
+
+    @cached_property
+    def pelvis_attitude(self) -> np.ndarray:
+        """Roll and pitch of the pelvis [rad]: (2, num_robots, num_ticks)."""
+        return roll_pitch(self["pelvis_orientation"])
+
+    @cached_property
+    def torso_attitude(self) -> np.ndarray:
+        """Roll and pitch of the torso [rad]: (2, num_robots, num_ticks)."""
+        return roll_pitch(self["torso_orientation"])
+
+    @cached_property
+    def pelvis_uprightness(self) -> np.ndarray:
+        """Cosine of the angle between the pelvis and the vertical: (num_robots, num_ticks)."""
+        return uprightness(self["pelvis_orientation"])
+
+    @cached_property
+    def torso_uprightness(self) -> np.ndarray:
+        """Cosine of the angle between the torso and the vertical: (num_robots, num_ticks)."""
+        return uprightness(self["torso_orientation"])
+
+    # Feet: left, right.
+
+    @cached_property
+    def sole_position(self) -> np.ndarray:
+        """Centres of the soles: (num_robots, num_ticks, 2, 3)."""
+        return self._feet("sole_position")
+
+    @cached_property
+    def foot_orientation(self) -> np.ndarray:
+        """Unit quaternions (w, x, y, z): (num_robots, num_ticks, 2, 4)."""
+        return self._feet("foot_orientation")
+
+    @cached_property
+    def foot_force(self) -> np.ndarray:
+        """Normal force of the ground on each foot [N]: (num_robots, num_ticks, 2)."""
+        return self._feet("foot_contact")[..., _FORCE][..., 2]
+
+    @cached_property
+    def foot_contact(self) -> np.ndarray:
+        """Does the foot touch the ground? bool (num_robots, num_ticks, 2)."""
+        return self._feet("foot_contact")[..., _FOUND] > 0
+
+    @cached_property
+    def center_of_pressure(self) -> np.ndarray:
+        """Force-weighted mean of both feet's pressure centres [m], NaN in the air: (num_robots, num_ticks, 2)."""
+        force = self.foot_force[..., None]
+        points = self._feet("foot_contact")[..., _POINT][..., :2]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return (force * points).sum(axis=-2) / force.sum(axis=-2)
+
+    @cached_property
+    def support_center(self) -> np.ndarray:
+        """Centre of the support polygon [m]: (num_robots, num_ticks, 2).
+
+        The mean of the touching soles' centres, which is the polygon's centre for soles that stand alike; of both
+        soles while none touches.
+        """
+        left, right = np.moveaxis(self.foot_contact, -1, 0)
+        on_left, on_right = left | ~right, right | ~left
+        share = on_right / (on_left + on_right.astype(float))
+        soles = self.sole_position[..., :2]
+        return soles[..., 0, :] + share[..., None] * (soles[..., 1, :] - soles[..., 0, :])
+
+    def support_polygon(self, robot: int, tick: int) -> np.ndarray:
+        """Convex hull of the touching soles, counter-clockwise (num_corners, 2) [m]; empty in the air."""
+        touching = self.foot_contact[robot, tick]
+        corners = sole_corners(
+            self.sole_position[robot, tick], self.foot_orientation[robot, tick], self.robot.sole_half_size
+        )
+        return balance.convex_hull(corners[touching][..., :2].reshape(-1, 2))
+
+    def flat_support_polygon(self, robot: int = 0, tick: int = 0) -> np.ndarray:
+        """Convex hull of both soles, touching or not: (num_corners, 2) [m]."""
+        soles, orientation = self.sole_position[robot, tick], self.foot_orientation[robot, tick]
+        return balance.convex_hull(sole_corners(soles, orientation, self.robot.sole_half_size)[..., :2].reshape(-1, 2))
+
+    @cached_property
+    def non_foot_contact(self) -> np.ndarray:
+        """Does anything but a foot touch the ground? bool (num_robots, num_ticks)."""
+        found = self._feet("foot_contact")[..., _FOUND]
+        return self["ground_contact"][..., 0] > found[..., 0] + found[..., 1]
+
+    def __len__(self) -> int:
+        return self.record.shape[1]
+
+
+class Simulation:
+    """`num_robots` copies of a robot on all cores.
+
+    Attributes:
+        wrench: forces and torques on every body over the next policy step, (num_robots, TICKS_PER_STEP, num_bodies,
+            6), world frame at the body's CoM [N, Nm]; the caller writes and clears it.
+        diverged: bool (num_robots,), who became non-finite in the last step and was put back to its default state.
+        num_diverged: how many have, ever.
+    """
+
+    def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0):
+        self.robot = robot
+        self.num_robots = num_robots
+        self.model = robot.model()
+        self.batch = Batch(self.model, num_robots, nthread=num_threads)
+        self.layout = sensor_layout(self.model)
+        self._qpos = self.batch.bind("qpos")
+        self._qvel = self.batch.bind("qvel")
+        self._sensordata = self.batch.bind("sensordata")
+        self._record = np.zeros((num_robots, TICKS_PER_STEP, self.model.nsensordata))
+        num_controls = self.model.nu + 6 * self.model.nbody
+        self._control = np.zeros((num_robots, TICKS_PER_STEP, num_controls))
+        wrench = self._control[..., self.model.nu :]
+        self.wrench = wrench.reshape(num_robots, TICKS_PER_STEP, self.model.nbody, 6)
+        self.diverged = np.zeros(num_robots, bool)
+        self.num_diverged = 0
+        self._warnings = np.zeros(num_robots, np.int64)
+
+    def reset(
+        self,
+        ids: np.ndarray,
+        joint_position: np.ndarray,
+        yaw: np.ndarray | float = 0.0,
+        height: np.ndarray | float = 0.0,
+    ) -> Ticks:
+        """Stand robots `ids` (n,) upright and at rest, lowest sole corner `height` [m] above the floor.
+
+        Args:
+            joint_position: (n, num_joints) [rad].
+            yaw: heading [rad], scalar or (n,).
+            height: of the lowest corner of the soles [m], scalar or (n,).
+
+        Returns:
+            One tick of each: the state they start from.
+        """
+        self.batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        self._qpos[ids, 7:] = joint_position
+        self._qpos[ids, 3] = np.cos(0.5 * np.asarray(yaw))
+        self._qpos[ids, 6] = np.sin(0.5 * np.asarray(yaw))
+        self.batch.forward(ids)
+        soles = self.read(ids)
+        corners = sole_corners(soles.sole_position, soles.foot_orientation, self.robot.sole_half_size)
+        self._qpos[ids, 2] += height - corners[..., 2].min(axis=(1, 2, 3))
+        self.batch.forward(ids)
+        return self.read(ids)
+
+    def read(self, ids: np.ndarray) -> Ticks:
+        """One tick (n, 1, ...) of robots `ids`: their state at the last reset or at the last physics step."""
+        return Ticks(self.robot, self.layout, self._sensordata[ids][:, None])
+
+    def step(self, joint_targets: np.ndarray, ids: np.ndarray | None = None) -> Ticks:
+        """Advance robots `ids` (n,) (all without it) by one policy step.
+
+        Args:
+            joint_targets: (n, TICKS_PER_STEP, num_joints) [rad].
+
+        Returns:
+            The ticks (n, TICKS_PER_STEP, ...), in a buffer that the next step overwrites.
+        """
+        num_joints = self.model.nu
+        if ids is None or len(ids) == self.num_robots:
+            self._control[..., :num_joints] = joint_targets
+            control, record, ids = self._control, self._record, None
+        else:
+            self._control[ids, :, :num_joints] = joint_targets
+            control, record = self._control[ids], self._record[: len(ids)]
+        self.batch.rollout(
+            TICKS_PER_STEP, control, _CONTROL_SPEC, record=["sensordata"], ids=ids, out={"sensordata": record}
+        )
+        self._find_diverged(record, ids)
+        return Ticks(self.robot, self.layout, record)
+
+    def _find_diverged(self, record: np.ndarray, ids: np.ndarray | None) -> None:
+        warnings = self.batch.warning[:, _DIVERGENCE_WARNINGS, 1].sum(axis=1)
+        self.diverged = warnings > self._warnings
+        if self.diverged.any():
+            self.num_diverged += int(self.diverged.sum())
+            rows = self.diverged if ids is None else self.diverged[ids]
+            record[rows] = np.nan_to_num(record[rows], posinf=0.0, neginf=0.0)
+            self._warnings = warnings.copy()
+
+    @property
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Live qpos (num_robots, nq) and qvel (num_robots, nv), in MuJoCo's order."""
+        return self._qpos, self._qvel
+
+    def copy_state(self, other: Simulation) -> None:
+        """Take over the states of another simulation of as many robots."""
+        self._qpos[:], self._qvel[:] = other.state
+        self.batch.bind("qacc_warmstart")[:] = other.batch.bind("qacc_warmstart")
+
+    def copy_control(self, other: Simulation) -> None:
+        """Take over the joint targets and wrenches of another simulation's last step."""
+        self._control[:] = other._control
+
+    def rollout(self) -> None:
+        """One policy step of bare physics under the present controls: what `step` adds to it is measured by it."""
+        self.batch.rollout(
+            TICKS_PER_STEP, self._control, _CONTROL_SPEC, record=["sensordata"], out={"sensordata": self._record}
+        )
+
+
+def sensor_layout(model: mujoco.MjModel) -> dict[str, slice]:
+    """Sensor name -> its columns in `sensordata`."""
+    sensors = (model.sensor(i) for i in range(model.nsensor))
+    return {s.name: slice(int(s.adr[0]), int(s.adr[0] + s.dim[0])) for s in sensors}
+
+
+def roll_pitch(quaternion: np.ndarray) -> np.ndarray:
+    """Roll and pitch (Z-Y-X Euler angles) [rad] of unit quaternions (..., 4): (2, ...)."""
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    return np.stack([roll, pitch])
+
+
+def uprightness(quaternion: np.ndarray) -> np.ndarray:
+    """Cosine of the angle between a body's z axis and the vertical, from unit quaternions (..., 4)."""
+    return 1.0 - 2.0 * (quaternion[..., 1] ** 2 + quaternion[..., 2] ** 2)
+
+
+def sole_corners(center: np.ndarray, quaternion: np.ndarray, half_size: np.ndarray) -> np.ndarray:
+    """World positions of the soles' corners [m].
+
+    Args:
+        center: sole centres (..., 3).
+        quaternion: foot orientations (..., 4).
+        half_size: half length and half width (2,).
+
+    Returns:
+        (..., 4, 3), counter-clockwise from above, front left first.
+    """
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    along = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
+    across = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)
+    signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    offsets = [i * half_size[0] * along + j * half_size[1] * across for i, j in signs]
+    return center[..., None, :] + np.stack(offsets, axis=-2)

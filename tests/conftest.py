@@ -1,0 +1,48 @@
+"""What several test files need: the robot, a robot at rest, and ticks with some of their quantities replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from surefoot.robot import Robot, load_robot
+from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return load_robot("valkyrie")
+
+
+@pytest.fixture(scope="session")
+def standing(robot: Robot) -> Ticks:
+    """The last policy step of a robot that has stood in its straight pose for 2 s; (1, 20) ticks, not to be changed."""
+    simulation = Simulation(robot, 1, num_threads=1)
+    pose = robot.pose("straight")[None]
+    simulation.reset(np.array([0]), pose)
+    targets = np.tile(pose[:, None], (1, TICKS_PER_STEP, 1))
+    for _ in range(50):
+        ticks = simulation.step(targets)
+    return Ticks(robot, simulation.layout, ticks.record.copy())
+
+
+@pytest.fixture(scope="session")
+def altered(robot: Robot) -> Callable[..., Ticks]:
+    """Ticks in which the named sensors read other values: `altered(ticks, com_velocity=(0, 0, 1))`."""
+    layout = Simulation(robot, 1, num_threads=1).layout
+
+    def alter(ticks: Ticks, **values: object) -> Ticks:
+        record = ticks.record.copy()
+        for sensor, value in values.items():
+            record[..., layout[sensor]] = value
+        return Ticks(robot, layout, record)
+
+    return alter
+
+
+@pytest.fixture
+def in_scratch_folder(tmp_path, monkeypatch) -> None:
+    """MuJoCo writes MUJOCO_LOG.TXT into the working folder when a robot diverges."""
+    monkeypatch.chdir(tmp_path)

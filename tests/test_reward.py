@@ -1,0 +1,232 @@
+"""Each number on a constructed state: a standing robot's ticks in which some sensors read what the test says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from surefoot import reward
+from surefoot.robot import Robot
+from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
+
+WEIGHT = 137.287494 * 9.806651  # 1346.33 N
+SUM_OF_WEIGHTS = 14.0  # 2 + 3 + 2 + 1 + 4 * 1 + 2 * 1
+HEIGHT = 1.1
+TIME_CONSTANT = np.sqrt(HEIGHT / 9.806651)  # 0.3349 s
+LEFT_SOLE, RIGHT_SOLE = (0.0, 0.14, 0.0), (0.0, -0.14, 0.0)
+
+
+@pytest.fixture(scope="module")
+def perfect(standing: Ticks, altered: Callable[..., Ticks]) -> Ticks:
+    """Standing perfectly still at the origin, weight on both feet, CoM 1.1 m over their middle."""
+    upright = (1.0, 0.0, 0.0, 0.0)
+    rest = {f"{joint}_{quantity}": 0.0 for joint in standing.robot.joint_names for quantity in ("velocity", "torque")}
+    return altered(
+        standing,
+        com_position=(0.0, 0.0, HEIGHT),
+        com_velocity=0.0,
+        pelvis_orientation=upright,
+        torso_orientation=upright,
+        left_sole_position=LEFT_SOLE,
+        right_sole_position=RIGHT_SOLE,
+        left_foot_contact=contact(standing, 0.5 * WEIGHT, LEFT_SOLE),
+        right_foot_contact=contact(standing, 0.5 * WEIGHT, RIGHT_SOLE),
+        ground_contact=8.0,
+        **rest,
+    )
+
+
+def contact(ticks: Ticks, force: float, point: tuple[float, float, float]) -> np.ndarray:
+    """A foot's contact sensor: found, force (3), torque (3), point (3), and what follows."""
+    values = np.zeros(ticks["left_foot_contact"].shape[-1])
+    values[0], values[3], values[7:10] = 4.0 * (force > 0), force, point
+    return values
+
+
+def about_x(angle: float) -> tuple[float, ...]:
+    return (np.cos(0.5 * angle), np.sin(0.5 * angle), 0.0, 0.0)
+
+
+def about_y(angle: float) -> tuple[float, ...]:
+    return (np.cos(0.5 * angle), 0.0, np.sin(0.5 * angle), 0.0)
+
+
+def of_step(ticks: Ticks, power_weight: float = 0.0) -> float:
+    return float(reward.step_reward(ticks, HEIGHT, power_weight)[0][0])
+
+
+def test_the_table_is_that_of_the_groups_code() -> None:
+    table = {name: (term.weight, term.alpha) for name, term in reward.TERMS.items()}
+    assert table == {
+        "com_position_xy": (2.0, 19.51),
+        "com_height": (3.0, 113.84),
+        "com_velocity_xy": (2.0, 0.57),
+        "com_velocity_z": (1.0, 3.69),
+        "torso_pitch": (1.0, 4.68),
+        "torso_roll": (1.0, 4.68),
+        "pelvis_pitch": (1.0, 4.68),
+        "pelvis_roll": (1.0, 4.68),
+        "left_foot_force": (1.0, 2e-5),
+        "right_foot_force": (1.0, 2e-5),
+    }
+    assert sum(weight for weight, _ in table.values()) == SUM_OF_WEIGHTS
+
+
+def test_standing_perfectly_still_earns_1_per_step(perfect: Ticks) -> None:
+    # 0.1 * 10 / 14 * (2 + 3 + 2 + 1 + 4 + 2) = 1
+    assert of_step(perfect) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "term", "error"),
+    [
+        # 3-4-5 triangle; the velocity that goes with it is the one that the term asks for.
+        (
+            {"com_position": (0.06, 0.08, HEIGHT), "com_velocity": (-0.06 / TIME_CONSTANT, -0.08 / TIME_CONSTANT, 0)},
+            "com_position_xy",
+            0.1,
+        ),
+        ({"com_velocity": (0.3, -0.4, 0.0)}, "com_velocity_xy", 0.5),
+        ({"com_velocity": (0.0, 0.0, -0.7)}, "com_velocity_z", 0.7),
+        ({"torso_orientation": about_y(0.3)}, "torso_pitch", 0.3),
+        ({"torso_orientation": about_x(-0.2)}, "torso_roll", 0.2),
+        ({"pelvis_orientation": about_y(-0.25)}, "pelvis_pitch", 0.25),
+        ({"pelvis_orientation": about_x(0.4)}, "pelvis_roll", 0.4),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_one_error_costs_its_terms_share_and_nothing_else(
+    perfect: Ticks, altered: Callable[..., Ticks], sensors: dict, term: str, error: float
+) -> None:
+    weight, alpha = reward.TERMS[term].weight, reward.TERMS[term].alpha
+    # e.g. com_position_xy: exp(-19.51 * 0.01) = 0.8228, and 2 / 14 of the reward: 1 - 0.1772 * 2 / 14 = 0.97469
+    expected = 1.0 - (1.0 - np.exp(-alpha * error**2)) * weight / SUM_OF_WEIGHTS
+    assert of_step(altered(perfect, **sensors)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_low_com_costs_its_height_term(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+    low = altered(perfect, com_position=(0.0, 0.0, HEIGHT - 0.1))
+    # exp(-113.84 * 0.1^2) = 0.32033; 1 - 0.67967 * 3 / 14 = 0.85436
+    assert of_step(low) == pytest.approx(0.85436, abs=1e-5)
+    # The same in a pit: only the height over the soles counts.
+    pit = altered(
+        perfect, com_position=(0, 0, HEIGHT - 2), left_sole_position=(0, 0.14, -2), right_sole_position=(0, -0.14, -2)
+    )
+    assert of_step(pit) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_an_uneven_load_costs_both_feet(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+    uneven = altered(
+        perfect,
+        left_foot_contact=contact(perfect, 0.5 * WEIGHT + 200.0, LEFT_SOLE),
+        right_foot_contact=contact(perfect, 0.5 * WEIGHT - 200.0, RIGHT_SOLE),
+    )
+    # exp(-2e-5 * 200^2) = exp(-0.8) = 0.44933; 1 - 2 * 0.55067 / 14 = 0.92133
+    assert of_step(uneven) == pytest.approx(0.92133, abs=1e-5)
+
+
+def test_the_velocity_asked_for_brings_the_capture_point_to_the_centre(
+    perfect: Ticks, altered: Callable[..., Ticks]
+) -> None:
+    offset = np.array([0.05, -0.02])
+    position = (*offset, HEIGHT)
+    # Target: -offset * sqrt(g / z) = -offset / 0.3349 s: a capture point of offset + v * 0.3349 s = 0.
+    velocity = -offset / TIME_CONSTANT
+    ticks = altered(perfect, com_position=position, com_velocity=(*velocity, 0.0))
+    np.testing.assert_allclose(ticks.capture_point, 0.0, atol=1e-12)
+    np.testing.assert_allclose(reward.com_velocity_xy(ticks, HEIGHT), 0.0, atol=1e-12)
+    # At rest there, the error is the missing velocity itself: 0.0539 / 0.3349 = 0.1608 m/s.
+    still = altered(perfect, com_position=position)
+    np.testing.assert_allclose(reward.com_velocity_xy(still, HEIGHT), np.hypot(*offset) / TIME_CONSTANT, rtol=1e-9)
+
+
+def test_on_one_foot_the_centre_of_support_is_that_foot(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+    left_only = altered(perfect, right_foot_contact=contact(perfect, 0.0, RIGHT_SOLE))
+    np.testing.assert_allclose(reward.com_position_xy(left_only, HEIGHT), 0.14, rtol=1e-12)
+
+
+def test_in_the_air_the_velocity_term_is_void_and_the_penalty_is_two(
+    perfect: Ticks, altered: Callable[..., Ticks]
+) -> None:
+    nothing = contact(perfect, 0.0, (0.0, 0.0, 0.0))
+    air = altered(perfect, left_foot_contact=nothing, right_foot_contact=nothing, ground_contact=0.0)
+    # Lost: com_velocity_xy (weight 2) wholly, both foot forces but for exp(-2e-5 * 673.166^2) = 1.1598e-4 of each.
+    terms = (14.0 - 2.0 - 2.0 + 2 * 1.1598e-4) / 14.0
+    assert of_step(air) == pytest.approx(terms - 0.2, abs=1e-6)
+    _, means = reward.step_reward(air, HEIGHT, 0.0)
+    assert means["com_velocity_xy"] == 0.0
+    assert means["no_foot_contact"] == -2.0
+
+
+def test_touching_the_ground_with_anything_else_costs_ten_times_a_tenth(
+    perfect: Ticks, altered: Callable[..., Ticks]
+) -> None:
+    touched = altered(perfect, ground_contact=9.0)  # 4 of each foot and 1 more
+    assert of_step(touched) == pytest.approx(1.0 - 1.0, abs=1e-9)
+    _, means = reward.step_reward(touched, HEIGHT, 0.0)
+    assert means["non_foot_contact"] == -10.0
+
+
+def test_power_costs_its_weight_times_the_watts(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+    working = altered(
+        perfect,
+        torso_pitch_torque=-50.0,
+        torso_pitch_velocity=2.0,
+        right_knee_pitch_torque=100.0,
+        right_knee_pitch_velocity=3.0,
+    )
+    # |-50 * 2| + |100 * 3| = 400 W; 400 * 1e-3 = 0.4 on the scale of 10, 0.04 of a step
+    assert of_step(working, power_weight=1e-3) == pytest.approx(1.0 - 0.04, abs=1e-9)
+    assert of_step(working, power_weight=0.0) == pytest.approx(1.0, abs=1e-9)
+    assert reward.step_reward(working, HEIGHT, 1e-3)[1]["power"] == pytest.approx(-0.4)
+
+
+def test_a_steps_reward_is_the_mean_over_its_ticks(robot: Robot, perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+    fallen = altered(perfect, ground_contact=9.0, torso_orientation=about_y(0.3))
+    record = perfect.record.copy()
+    record[:, 15:] = fallen.record[:, 15:]  # the last 5 of 20 ticks
+    layout = Simulation(robot, 1, num_threads=1).layout
+    mixed = Ticks(robot, layout, record)
+    expected = 0.75 * of_step(perfect) + 0.25 * of_step(fallen)
+    assert of_step(mixed) == pytest.approx(expected, abs=1e-12)
+    assert expected < 0.75
+
+
+def test_every_robot_has_its_own_reward_and_the_means_are_over_all(
+    robot: Robot, perfect: Ticks, altered: Callable[..., Ticks]
+) -> None:
+    leaning = altered(perfect, torso_orientation=about_y(0.3))
+    layout = Simulation(robot, 1, num_threads=1).layout
+    both = Ticks(robot, layout, np.concatenate([leaning.record, perfect.record]))
+    rewards, means = reward.step_reward(both, HEIGHT, 0.0)
+    np.testing.assert_allclose(rewards, [of_step(leaning), of_step(perfect)], rtol=1e-12)
+    # exp(-4.68 * 0.09) = 0.65627; (0.65627 + 1) / 2
+    assert means["torso_pitch"] == pytest.approx(0.5 * (0.65627 + 1.0), abs=1e-5)
+    assert means["pelvis_pitch"] == pytest.approx(1.0)
+    assert tuple(means) == (*reward.TERMS, "no_foot_contact", "non_foot_contact", "power")
+
+
+def test_a_robot_that_really_stands_earns_nearly_1_per_step(standing: Ticks) -> None:
+    """The straight pose, held for 2 s by the impedance alone."""
+    nominal = 1.1048  # CoM over the soles, straight legs: -0.0666 + 1.1714
+    rewards, means = reward.step_reward(standing, nominal, 1e-4)
+    assert 0.95 < rewards[0] < 1.0
+    # The reward is what the terms add up to.
+    terms = sum(reward.TERMS[name].weight * means[name] for name in reward.TERMS) / SUM_OF_WEIGHTS
+    penalties = means["no_foot_contact"] + means["non_foot_contact"] + means["power"]
+    assert rewards[0] == pytest.approx(terms + 0.1 * penalties, rel=1e-12)
+    # What is missing is the CoM's offset: the robot stands with its CoM about 7 cm behind the middle of its soles.
+    assert min(reward.TERMS, key=lambda name: means[name]) == "com_position_xy"
+
+
+def test_a_robot_dropped_from_2_m_is_penalised_for_flying(robot: Robot) -> None:
+    simulation = Simulation(robot, 1, num_threads=1)
+    pose = robot.pose("straight")[None]
+    start = simulation.reset(np.array([0]), pose, height=2.0)
+    ticks = simulation.step(np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
+    rewards, means = reward.step_reward(ticks, float(start.com_height[0, 0]), 0.0)
+    assert means["no_foot_contact"] == -2.0
+    # Upright in the air: (3 + 1 + 4) / 14 of the terms at best, the position term near 1, minus 0.2.
+    assert rewards[0] == pytest.approx((2 * means["com_position_xy"] + 8.0) / 14.0 - 0.2, abs=0.02)
