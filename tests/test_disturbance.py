@@ -174,7 +174,8 @@ def test_ranges_of_bodies_start_and_interval_are_drawn_from(robot: Robot) -> Non
 def test_the_next_push_is_drawn_once_the_last_one_was_survived_for_2_s(robot: Robot) -> None:
     random, pushes = random_pushes(robot, 4)
     before = pushes.force.copy()
-    random.advance(np.array([0, 520, 1499, 1500]))  # before it, in it, just before 2 s from its start, and then
+    # Before it, in it, and just before and at the policy step that ends 2 s after its start at tick 500.
+    random.advance(np.array([0, 520, 1479, 1480]))
     np.testing.assert_array_equal(pushes.start, [500, 500, 500, 3000])
     np.testing.assert_array_equal(pushes.force[:3], before[:3])
     assert (pushes.force[3] != before[3]).any()

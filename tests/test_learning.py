@@ -145,7 +145,7 @@ def test_the_paper_preset_has_the_papers_hyperparameters() -> None:
     assert trpo.hyper["target_kl"] == 0.01
     assert trpo.hyper["cg_max_steps"] == 10
     # Section III-B: the discount halves a reward's weight after 0.5 s, 13 steps at 25 Hz, rounded to 0.95.
-    assert 0.5 ** (1 / 13) == pytest.approx(HALF_LIFE_GAMMA, abs=0.005)
+    assert pytest.approx(HALF_LIFE_GAMMA, abs=0.005) == 0.5 ** (1 / 13)
 
 
 def test_unknown_names_are_named_with_the_valid_ones() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from surefoot import observation
 from surefoot.errors import UserError
-from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, load_policy, network_bytes
+from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, load_policy, network_bytes, shipped_policies
 from surefoot.robot import Robot
 
 SIZES = (47, 10, 7, 11)
@@ -180,12 +180,30 @@ print(learners)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    shipped = f"; shipped policies: {', '.join(shipped_policies())}" if shipped_policies() else ""
+    for path, file in ((tmp_path / "no.onnx", "no.onnx"), (tmp_path, "best.onnx")):
+        with pytest.raises(UserError) as error:
+            load_policy(path)
+        assert str(error.value) == f"cannot read policy {tmp_path / file}: No such file or directory{shipped}"
+
+
+def test_a_damaged_file_is_named_by_its_path(tmp_path: Path) -> None:
+    file = tmp_path / "broken.onnx"
+    file.write_bytes(b"nothing of use")
     with pytest.raises(UserError) as error:
-        load_policy(tmp_path / "no.onnx")
-    assert str(error.value) == f"cannot read policy {tmp_path / 'no.onnx'}: No such file or directory"
-    with pytest.raises(UserError) as error:
-        load_policy(tmp_path)
-    assert str(error.value) == f"cannot read policy {tmp_path / 'best.onnx'}: No such file or directory"
+        load_policy(file)
+    assert str(error.value) == f"{file} is not a policy file: not a readable ONNX network"
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_a_shipped_policy_is_loaded_by_its_name_and_acts(robot: Robot, name: str) -> None:
+    policy = load_policy(name)
+    assert policy.name == name
+    assert policy.contract.check() is robot
+    actions = policy(np.random.default_rng(0).normal(size=(4, 47)), np.arange(4))
+    assert actions.shape == (4, 11)
+    assert np.isfinite(actions).all()
+    assert np.ptp(actions, axis=0).max() > 0.01
 
 
 @pytest.mark.parametrize("damage", ["nothing", "text", "random", "cut", "pickle"])

@@ -103,7 +103,7 @@ def test_tables_are_exported_to_csv_and_parquet(tmp_path: Path) -> None:
 def test_a_file_that_is_no_results_table_is_refused_and_kept(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "r.sqlite"
     path.write_bytes(content)
-    with pytest.raises(UserError, match="cannot use .* as a results table"):
+    with pytest.raises(UserError, match="as a results table"):
         Results(path)
     assert path.read_bytes() == content
 

@@ -179,7 +179,9 @@ def test_reset_stands_the_robots_where_it_is_told(robot: Robot) -> None:
     np.testing.assert_allclose(start.pelvis_uprightness, 1.0)
     # The feet are tilted by up to 0.1 + 0.1 rad, so that the lowest corner is below the soles' centres.
     corners = sole_corners(start.sole_position, start.foot_orientation, robot.sole_half_size)
-    np.testing.assert_allclose(corners[..., 2].min(axis=(1, 2, 3)), height, atol=1e-12)
+    # Put down 1 um deep, so that a sole on the floor touches it for certain.
+    np.testing.assert_allclose(corners[..., 2].min(axis=(1, 2, 3)), height - 1e-6, atol=1e-12)
+    assert start.foot_contact[0].any()
     assert (start.sole_position[:, 0, :, 2].min(axis=-1) > height + 1e-4).all()
 
 

@@ -170,10 +170,12 @@ def test_the_numbers_of_a_whole_trial_are_those_of_its_ticks(robot: Robot) -> No
     )
     assert outcome.reason == "recovered"
     num_ticks = len(trace["com_velocity"])
-    # `seconds` counts from the push: the trial's first ticks before it are the rest.
-    start = num_ticks - round(outcome.seconds * 500)
-    assert start == num_ticks - outcome.seconds * 500
+    # 1 s to settle, and the push's start within the policy step, which the seed draws after the 11 start angles.
+    rng = np.random.default_rng(trial.seed)
+    rng.uniform(-0.02, 0.02, robot.num_joints)
+    start = 500 + int(rng.integers(20))
     end = start + 10 * 500
+    assert outcome.seconds == 10.0
     assert end <= num_ticks < end + 20
     judged = slice(end - 500, end)
     assert outcome.com_speed == pytest.approx(np.linalg.norm(trace["com_velocity"][judged], axis=1).mean(), rel=1e-12)
@@ -272,15 +274,27 @@ def test_the_same_trials_give_the_same_bits_whatever_the_slots_and_threads(robot
     assert as_text(backwards) == reference
 
 
-def test_seeds_draw_different_starts_within_the_noise(robot: Robot) -> None:
-    starts = []
+def test_seeds_draw_different_starts_and_different_ticks_of_the_push(robot: Robot) -> None:
+    starts, ticks = [], []
     for seed in range(8):
-        _, trace = run_one(NominalPolicy(robot, "bent"), pushed(400.0, seed), "joint_position")
+        outcome, trace = run_one(NominalPolicy(robot, "bent"), pushed(400.0, seed), "joint_position")
         starts.append(trace["joint_position"][0] - robot.pose("bent"))
-    starts = np.array(starts)
-    assert len(np.unique(starts, axis=0)) == 8
-    assert np.abs(starts).max() <= 0.02
-    assert starts.std() == pytest.approx(0.02 / np.sqrt(3), rel=0.15)
+        ticks.append(len(trace["joint_position"]) - round(outcome.seconds * 500) - 500)
+    noise = np.array(starts)
+    assert len(np.unique(noise, axis=0)) == 8
+    assert np.abs(noise).max() <= 0.02
+    assert noise.std() == pytest.approx(0.02 / np.sqrt(3), rel=0.15)
+    # 8 draws of 0 .. 19 ticks.
+    assert len(set(ticks)) > 4
+    assert (min(ticks) >= 0, max(ticks) <= 19) == (True, True)
+
+
+def test_a_policy_forgets_a_slots_last_trial_when_the_next_begins(robot: Robot) -> None:
+    # This policy counts the time of each slot: its second trial in a slot must be like a first one.
+    trials = [pushed(300.0, seed) for seed in (0, 1, 2)]
+    alone = run_list(MovingPolicy(robot, squat(0.3)), trials, num_slots=3, num_threads=1)
+    in_turn = run_list(MovingPolicy(robot, squat(0.3)), trials, num_slots=1, num_threads=1)
+    assert as_text(in_turn) == as_text(alone)
 
 
 def test_a_trial_that_is_not_whole_ends_after_2_s_of_quiet(robot: Robot) -> None:

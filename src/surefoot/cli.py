@@ -70,7 +70,8 @@ class Evaluate:
     """Find how hard a push a policy survives, by the one definition of success (docs/method.md)."""
 
     policy: Annotated[str, tyro.conf.Positional]
-    """A policy file (.onnx), a run folder, or "nominal" for the nominal pose held by the joint impedance alone."""
+    """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal": the nominal pose held by the joint
+    impedance alone."""
     directions: int = 4
     """Number of directions of the push, evenly spaced."""
     results: Path = Path("results.sqlite")
@@ -78,19 +79,43 @@ class Evaluate:
     json: str | None = None
     """Write the figures as one flat JSON object to this file; - for standard output."""
     export: Path | None = None
-    """Write all trials to this .csv or .parquet file."""
+    """Write all trials of the results table to this .csv or .parquet file."""
+    export_thresholds: Path | None = None
+    """Write all thresholds of the results table to this .csv or .parquet file."""
 
     def main(self) -> None:
         if self.directions < 4 or self.directions % 4:
             raise UserError(f"directions must be a multiple of 4, not {self.directions}")
         _, figures = evaluate_policy(self.policy, self.directions, self.results, _results_console(self.json))
-        if self.export:
-            from surefoot.results import Results
+        for table, file in {"trials": self.export, "thresholds": self.export_thresholds}.items():
+            if file:
+                from surefoot.results import Results
 
-            with Results(self.results) as results:
-                results.export("trials", self.export)
+                with Results(self.results) as results:
+                    results.export(table, file)
         if self.json:
             _write_json(figures, self.json)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Print Table I from exported thresholds, beside the paper's."""
+
+    thresholds: Annotated[Path, tyro.conf.Positional]
+    """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
+    markdown: bool = False
+    """As Markdown instead of a drawn table."""
+
+    def main(self) -> None:
+        from surefoot import tables
+        from surefoot.results import read_thresholds
+        from surefoot.robot import load_robot
+
+        policies, robot = read_thresholds(self.thresholds), load_robot()
+        if self.markdown:
+            sys.stdout.write(tables.markdown(tables.TABLE_1_COLUMNS, tables.table_1_rows(policies, robot)))
+        else:
+            Console().print(tables.table_1(policies, robot))
 
 
 @dataclass(frozen=True)
@@ -167,7 +192,13 @@ def evaluate_policy(name: str, num_directions: int, path: Path, output: Console)
     return thresholds, figures
 
 
-COMMANDS: dict[str, Callable[..., Any]] = {"train": Train, "evaluate": Evaluate, "bench": Bench, "demo": Demo}
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "train": Train,
+    "evaluate": Evaluate,
+    "table": Table,
+    "bench": Bench,
+    "demo": Demo,
+}
 
 
 def main() -> None:

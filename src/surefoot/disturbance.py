@@ -125,12 +125,14 @@ class RandomPushes:
         self.config = config
         self.pushes = pushes
         self.rng = rng
-        highest = config.impulse[1] if config.curriculum is None else min(self.FIRST_CEILING, config.impulse[1])
-        self.ceiling = np.full(self.NUM_SECTORS, highest)
+        first = config.impulse[1] if config.curriculum is None else self.FIRST_CEILING
+        self.ceiling = np.full(self.NUM_SECTORS, np.clip(first, *config.impulse))
         self._body_ids = np.array([pushes.robot.body_id(body) for body in config.bodies])
         self._sector = np.zeros(len(pushes.start), np.int64)
         self._impulse = np.zeros(len(pushes.start))
-        self._survived_ticks = round(min(self.SURVIVED_S, config.interval[0]) / CONTROL_DT)
+        # The next push is drawn in good time before it may begin.
+        survived = round(min(self.SURVIVED_S, config.interval[0]) / CONTROL_DT) - TICKS_PER_STEP
+        self._survived_ticks = max(survived, round(config.duration / CONTROL_DT))
 
     def reset(self, ids: np.ndarray) -> None:
         """Robots `ids` begin an episode."""

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import importlib.resources
 import json
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -83,6 +85,7 @@ class Contract:
             UserError: this version of surefoot cannot honour the contract.
         """
         robot = load_robot(self.robot)
+        self._check_numbers(robot)
         expected = Contract.of(robot, next(iter(robot.poses)), self.action_scale)
         free = {"nominal_pose", "action_scale", "training"}
         for name in (f.name for f in dataclasses.fields(self) if f.name not in free):
@@ -90,11 +93,14 @@ class Contract:
                 raise UserError(
                     f"policy's {name} is {getattr(self, name)}, but {robot.name} has {getattr(expected, name)}"
                 )
-        if len(self.nominal_pose) != robot.num_joints or not np.isfinite(self.nominal_pose).all():
-            raise UserError(f"policy's nominal_pose must be {robot.num_joints} finite angles, not {self.nominal_pose}")
-        if not 0 < self.action_scale < np.inf:
-            raise UserError(f"policy's action_scale must be positive, not {self.action_scale}")
         return robot
+
+    def _check_numbers(self, robot: Robot) -> None:
+        pose, scale = self.nominal_pose, self.action_scale
+        if not (isinstance(pose, tuple) and len(pose) == robot.num_joints and all(map(_is_finite, pose))):
+            raise UserError(f"policy's nominal_pose must be {robot.num_joints} finite angles, not {pose}")
+        if not (_is_finite(scale) and scale > 0):
+            raise UserError(f"policy's action_scale must be positive, not {scale}")
 
     def to_json(self) -> str:
         return json.dumps(dataclasses.asdict(self))
@@ -104,6 +110,10 @@ class Contract:
         """Raises ValueError, TypeError or KeyError for anything that `to_json` does not write."""
         values: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
         return cls(**values)
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
 
 
 class Policy(Protocol):
@@ -131,11 +141,17 @@ class Policy(Protocol):
 class NetworkPolicy:
     """A policy read from a file, run by onnxruntime.
 
+    Args:
+        data: the file's bytes.
+        name: by which tables show the policy.
+        source: by which errors name the file; the name without it.
+
     Attributes:
         digest: SHA-256 of the file, by which results name the policy.
     """
 
-    def __init__(self, data: bytes, name: str):
+    def __init__(self, data: bytes, name: str, source: str | None = None):
+        source = source or name
         import onnxruntime
 
         options = onnxruntime.SessionOptions()
@@ -144,18 +160,25 @@ class NetworkPolicy:
         try:
             self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises a family of undocumented types for a corrupt file
-            raise UserError(f"{name} is not a policy file: not a readable ONNX network") from error
+            raise UserError(f"{source} is not a policy file: not a readable ONNX network") from error
         text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
         if text is None:
-            raise UserError(f"{name} is not a surefoot policy: its metadata has no '{METADATA_KEY}'")
+            raise UserError(f"{source} is not a surefoot policy: its metadata has no '{METADATA_KEY}'")
         try:
             self.contract = Contract.from_json(text)
         except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise UserError(f"{name} has a policy contract that cannot be read: {error}") from error
+            raise UserError(f"{source} has a policy contract that cannot be read: {error}") from error
         self.robot = self.contract.check()
         self.name = name
         self.digest = hashlib.sha256(data).hexdigest()
+        self._check_sizes(source)
         self._input = self._session.get_inputs()[0].name
+
+    def _check_sizes(self, source: str) -> None:
+        expected = [len(self.contract.observations)], [len(self.contract.joints)]
+        found = [t.shape[1:] for t in self._session.get_inputs()], [t.shape[1:] for t in self._session.get_outputs()]
+        if found != ([expected[0]], [expected[1]]):
+            raise UserError(f"{source} maps {found[0]} to {found[1]} numbers, not {expected[0]} to {expected[1]}")
 
     def reset(self, ids: np.ndarray) -> None:
         """A feed-forward network remembers nothing."""
@@ -180,19 +203,31 @@ class NominalPolicy:
         return np.zeros((len(observations), len(self.contract.joints)))
 
 
-def load_policy(path: str | Path) -> NetworkPolicy:
-    """Read a policy file, or the best policy of a run folder.
+def shipped_policies() -> tuple[str, ...]:
+    """Names of the policies that come with the package."""
+    folder = importlib.resources.files("surefoot") / "policies"
+    if not folder.is_dir():
+        return ()
+    return tuple(sorted(file.name.removesuffix(SUFFIX) for file in folder.iterdir() if file.name.endswith(SUFFIX)))
+
+
+def load_policy(name: str | Path) -> NetworkPolicy:
+    """Read a policy that comes with the package, a policy file, or the best policy of a run folder.
 
     Raises:
-        UserError: there is no such file, or it is not a policy that this version can run.
+        UserError: there is no such policy, or it is not one that this version can run.
     """
-    path = Path(path)
-    file = path / f"best{SUFFIX}" if path.is_dir() else path
+    if str(name) in shipped_policies():
+        file = importlib.resources.files("surefoot") / "policies" / f"{name}{SUFFIX}"
+        return NetworkPolicy(file.read_bytes(), str(name))
+    path = Path(name)
+    path_of_file = path / f"best{SUFFIX}" if path.is_dir() else path
     try:
-        data = file.read_bytes()
+        data = path_of_file.read_bytes()
     except OSError as error:
-        raise UserError(f"cannot read policy {file}: {error.strerror or error}") from error
-    return NetworkPolicy(data, name=path.stem)
+        shipped = f"; shipped policies: {', '.join(shipped_policies())}" if shipped_policies() else ""
+        raise UserError(f"cannot read policy {path_of_file}: {error.strerror or error}{shipped}") from error
+    return NetworkPolicy(data, name=path.stem, source=str(path_of_file))
 
 
 def network_bytes(

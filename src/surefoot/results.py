@@ -6,6 +6,7 @@ evaluation goes on where it was, and a changed robot never answers for an old on
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import sqlite3
 import time
@@ -54,7 +55,12 @@ CREATE TABLE IF NOT EXISTS thresholds (
     UNIQUE (policy, setup, body, angle_rad, duration_s, without_step)
 );
 """
-TABLES = ("policies", "trials", "thresholds")
+_EXPORTS = {
+    "policies": "SELECT * FROM policies",
+    "trials": "SELECT name, trials.* FROM trials JOIN policies USING (policy) ORDER BY name, id",
+    "thresholds": "SELECT name, thresholds.* FROM thresholds JOIN policies USING (policy) "
+    "ORDER BY name, body, without_step, angle_rad",
+}
 
 
 class Results:
@@ -127,11 +133,11 @@ class Results:
 
         writers = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}
         suffix = Path(path).suffix
-        if table not in TABLES:
-            raise UserError(f"unknown table '{table}'; valid: {', '.join(TABLES)}")
+        if table not in _EXPORTS:
+            raise UserError(f"unknown table '{table}'; valid: {', '.join(_EXPORTS)}")
         if suffix not in writers:
             raise UserError(f"unknown format '{suffix}' of {path}; valid: {', '.join(writers)}")
-        cursor = self._db.execute(f"SELECT * FROM {table}")
+        cursor = self._db.execute(_EXPORTS[table])
         names = [column[0] for column in cursor.description]
         rows = [dict(zip(names, row, strict=True)) for row in cursor]
         writers[suffix](pyarrow.Table.from_pylist(rows), str(path))
@@ -169,6 +175,31 @@ class TrialStore:
             self._committed = time.monotonic()
 
 
+def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
+    """The exported thresholds of every policy in a .csv file, by the policy's name.
+
+    Raises:
+        UserError: the file is missing or is not such a table.
+    """
+    try:
+        with Path(path).open(newline="") as stream:
+            rows = list(csv.DictReader(stream))
+        found: dict[str, list[Threshold]] = {}
+        for row in rows:
+            angle, duration, impulse, low, high = (
+                float(row[key]) for key in ("angle_rad", "duration_s", "impulse_Ns", "low", "high")
+            )
+            without_step, num_trials, recovered = (int(row[key]) for key in ("without_step", "trials", "recovered"))
+            line = Line(row["direction"], row["body"], angle, duration, bool(without_step))
+            threshold = Threshold(line, impulse, num_trials, recovered, low, high, row["limited_by"])
+            found.setdefault(row["name"], []).append(threshold)
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror or error}") from error
+    except (KeyError, ValueError, TypeError) as error:
+        raise UserError(f"{path} is not a table of thresholds: {error}") from error
+    return found
+
+
 def setup_digest(robot: str) -> str:
     """Names what an outcome depends on beside the policy: robot, physics engine, protocol."""
     protocol = {name: value for name, value in vars(trials).items() if name.isupper() and name != "NUM_SLOTS"}
@@ -189,8 +220,8 @@ def _outcome(recovered: int, reason: str, seconds: float, shift: float, speed: f
 
 
 def _threshold(
-    direction: str, body: str, angle: float, duration: float, without_step: int, impulse: float, trials: int,
+    direction: str, body: str, angle: float, duration: float, without_step: int, impulse: float, num_trials: int,
     recovered: int, low: float, high: float, limited_by: str,
 ) -> Threshold:  # fmt: skip
     line = Line(direction, body, angle, duration, bool(without_step))
-    return Threshold(line, impulse, trials, recovered, low, high, limited_by)
+    return Threshold(line, impulse, num_trials, recovered, low, high, limited_by)

@@ -24,6 +24,8 @@ CONTROL_DT = 1.0 / CONTROL_HZ
 
 _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 _DIVERGENCE_WARNINGS = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjNWARNING))
+_TOUCH = 1e-6
+"""A robot is put down so deep [m]: with soles at exactly zero, rounding would decide whether they touch."""
 # The layout of a contact sensor with data="found force torque pos".
 _FOUND, _FORCE, _POINT = 0, slice(1, 4), slice(7, 10)
 
@@ -237,6 +239,7 @@ class Simulation:
         Returns:
             One tick of each: the state they start from.
         """
+        self._warnings[ids] = 0  # as MuJoCo does
         self.batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self._qpos[ids, 7:] = joint_position
         self._qpos[ids, 3] = np.cos(0.5 * np.asarray(yaw))
@@ -244,7 +247,7 @@ class Simulation:
         self.batch.forward(ids)
         soles = self.read(ids)
         corners = sole_corners(soles.sole_position, soles.foot_orientation, self.robot.sole_half_size)
-        self._qpos[ids, 2] += height - corners[..., 2].min(axis=(1, 2, 3))
+        self._qpos[ids, 2] += height - _TOUCH - corners[..., 2].min(axis=(1, 2, 3))
         self.batch.forward(ids)
         return self.read(ids)
 
@@ -262,9 +265,9 @@ class Simulation:
             The ticks (n, TICKS_PER_STEP, ...), in a buffer that the next step overwrites.
         """
         num_joints = self.model.nu
-        if ids is None or len(ids) == self.num_robots:
+        if ids is None:
             self._control[..., :num_joints] = joint_targets
-            control, record, ids = self._control, self._record, None
+            control, record = self._control, self._record
         else:
             self._control[ids, :, :num_joints] = joint_targets
             control, record = self._control[ids], self._record[: len(ids)]
@@ -281,7 +284,8 @@ class Simulation:
             self.num_diverged += int(self.diverged.sum())
             rows = self.diverged if ids is None else self.diverged[ids]
             record[rows] = np.nan_to_num(record[rows], posinf=0.0, neginf=0.0)
-            self._warnings = warnings.copy()
+            self.batch.reset(np.flatnonzero(self.diverged))
+            self._warnings = np.where(self.diverged, 0, warnings)
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:

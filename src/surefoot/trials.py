@@ -58,7 +58,7 @@ class Outcome:
     Attributes:
         recovered: by the one definition of success (`docs/method.md`).
         reason: "recovered", "fell", "restless" (CoM too fast at the end), "tilted" or "diverged".
-        seconds: from the beginning of the disturbance to the end of the trial.
+        seconds: from the beginning of the disturbance to the end of the trial; negative if that came before.
         foot_shift: farthest that a foot came from its place at the push [m].
         com_speed: mean over the judged time [m/s]; NaN if the trial ended before.
         torque_ratio, speed_ratio: largest share of a joint's torque and speed limit that was used.
@@ -207,7 +207,7 @@ class _Arena:
         """Outcomes of the trials that have just ended, by slot."""
         tick = self.loop.tick[slots, None] - TICKS_PER_STEP + np.arange(TICKS_PER_STEP)
         self._watch(slots, ticks, tick)
-        fell = np.asarray(ticks.non_foot_contact.any(axis=1))
+        fell = np.asarray((ticks.non_foot_contact & (tick < self.end[slots, None])).any(axis=1))
         diverged = self.loop.simulation.diverged[slots]
         quiet: np.ndarray = ~self.whole[slots] & (self.quiet_steps[slots] >= QUIET_S * POLICY_HZ)
         over = np.asarray(tick[:, -1] + 1 >= self.end[slots])
@@ -248,7 +248,7 @@ class _Arena:
         return Outcome(
             recovered=reason == "recovered",
             reason=reason,
-            seconds=float(tick + 1 - self.start[slot]) / CONTROL_HZ,
+            seconds=float(min(tick + 1, self.end[slot]) - self.start[slot]) / CONTROL_HZ,
             foot_shift=float(self.foot_shift[slot]),
             com_speed=float(com_speed),
             torque_ratio=float(self.torque_ratio[slot]),

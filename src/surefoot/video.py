@@ -9,11 +9,17 @@ import os
 import platform
 import subprocess
 import sys
+import textwrap
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import imageio.v2 as imageio
+import matplotlib
 import mujoco
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from surefoot.disturbance import Push
 from surefoot.errors import UserError
@@ -30,7 +36,7 @@ _AFTERGLOW = 0.3
 """A push stays in the picture for so long after its end [s]."""
 _HOLD = 0.8
 """A film stays on its last picture for so long [s]."""
-_FORCE_LENGTH = 0.45e-3
+_FORCE_LENGTH = 0.36e-3
 """Length of arrows [m/N]."""
 _BODY_RADIUS = 0.13
 """A push's arrow ends so far from the CoM of the pushed body [m]."""
@@ -42,6 +48,13 @@ _COM, _FORCE, _SUPPORT = (1.0, 0.82, 0.1, 1.0), (0.15, 0.6, 1.0, 0.9), (0.9, 0.9
 _CAPTURED, _ESCAPED = (0.1, 0.85, 0.35, 1.0), (0.95, 0.1, 0.15, 1.0)
 _INK, _GREY, _GOOD, _BAD = "#1c2430", "#6b7686", "#1d7f45", "#c22f2a"
 
+_LEGEND = (
+    ("push", _PUSH),
+    ("CoM", _COM),
+    ("capture point over the support", _CAPTURED),
+    ("beyond it", _ESCAPED),
+    ("foot force", _FORCE),
+)
 _SIGHT = {"sagittal": (112.0, -10.0), "lateral": (196.0, -10.0)}
 """Azimuth and elevation of the camera's view [deg]: from the right side, and from the front."""
 
@@ -111,8 +124,8 @@ class Recording:
         return np.array([moment.time for moment in self.moments])
 
     def at(self, time: float) -> Moment:
-        """The moment nearest to `time`."""
-        return self.moments[int(np.abs(self.times - time).argmin())]
+        """The first moment that is not before `time`; else the last."""
+        return self.moments[min(int(np.searchsorted(self.times, time - 1e-9)), len(self.moments) - 1)]
 
 
 def record(policy: Policy, trial: Trial, fps: int = 50) -> Recording:
@@ -183,6 +196,7 @@ class Scene:
         self._option = mujoco.MjvOption()
         self._camera = mujoco.MjvCamera()
         self._scene = mujoco.MjvScene(self._model, maxgeom=500)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
         self._gl = importlib.import_module(f"mujoco.{gl_backend()}").GLContext(width, height)
         self._gl.make_current()
         self._canvas = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -236,13 +250,12 @@ class Scene:
         corners = np.column_stack([moment.support_polygon, np.full(len(moment.support_polygon), ground + 0.004)])
         for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             self._connect(mujoco.mjtGeom.mjGEOM_CAPSULE, 0.006, a, b, _SUPPORT)
-        self._disc(moment.com_position[:2], ground, 0.028, _COM)
-        self._disc(moment.capture_point, ground, 0.045, _CAPTURED if moment.is_captured else _ESCAPED)
-
-    def _disc(self, center: np.ndarray, ground: float, radius: float, color: tuple[float, ...]) -> None:
-        # Smaller discs lie higher, so that one on top of another is seen.
-        low, high = ([*center, ground + height] for height in (0.0, 0.012 - 0.1 * radius + 0.004))
-        self._connect(mujoco.mjtGeom.mjGEOM_CYLINDER, radius, low, high, color)
+        capture_color = _CAPTURED if moment.is_captured else _ESCAPED
+        # The CoM's disc is smaller and lies higher: both are seen when one is on the other.
+        discs = ((moment.capture_point, 0.045, 0.010, capture_color), (moment.com_position[:2], 0.028, 0.016, _COM))
+        for center, radius, top, color in discs:
+            low, high = [*center, ground], [*center, ground + top]
+            self._connect(mujoco.mjtGeom.mjGEOM_CYLINDER, radius, low, high, color, nearer=True)
 
     def _mark_robot(self, moment: Moment) -> None:
         com = moment.com_position
@@ -269,7 +282,9 @@ class Scene:
             start, end, width = eye + _NEARER * (start - eye), eye + _NEARER * (end - eye), _NEARER * width
         shape = self._scene.geoms[self._scene.ngeom]
         mujoco.mjv_initGeom(shape, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), np.array(color, np.float32))
-        mujoco.mjv_connector(shape, kind, width, start, end)
+        # MuJoCo draws an arrow at half the length that it is given.
+        whole = end + (end - start if kind == mujoco.mjtGeom.mjGEOM_ARROW else 0.0)
+        mujoco.mjv_connector(shape, kind, width, start, whole)
         shape.emission = 0.5
         self._scene.ngeom += 1
 
@@ -295,3 +310,199 @@ def gl_backend() -> str:
             return backend
     tried = f"MUJOCO_GL={wanted}" if wanted in usual else ", ".join(candidates)
     raise UserError(f"no OpenGL to draw with ({tried}); install libegl1 and libgl1, or libosmesa6 (apt install ...)")
+
+
+def push_words(push: Push) -> str:
+    """A push in words: "240 Ns forward", "108 Ns left at the left shank", "90 Ns at 30°"."""
+    x, y, z = push.direction
+    if abs(z) > np.hypot(x, y):
+        way = "up" if z > 0 else "down"
+    else:
+        angle = float(np.degrees(np.arctan2(y, x))) % 360.0
+        eighth = round(angle / 45.0)
+        ways = ("forward", "forward left", "left", "backward left", "backward", "backward right", "right")
+        way = (*ways, "forward right", "forward")[eighth] if abs(angle - 45.0 * eighth) < 1.0 else f"at {angle:.0f}°"
+    body = "" if push.body == "pelvis" else f" at the {push.body.replace('_', ' ')}"
+    return f"{push.impulse:g} Ns {way}{body}"
+
+
+def filmstrip(
+    recordings: Sequence[Recording], times: Sequence[float] = STRIP_TIMES, cell: tuple[int, int] = (260, 320)
+) -> np.ndarray:
+    """Trials as rows of pictures, in the manner of the paper's figures 1 and 2: uint8 (height, width, 3).
+
+    A trial that ends before the last time shows its last moment once.
+
+    Args:
+        times: since the beginning of the push [s], one picture each.
+        cell: width and height of a picture [pixels].
+
+    Raises:
+        UserError: there is nothing to show, or no OpenGL to draw with.
+    """
+    if not len(recordings) or not len(times):
+        raise UserError(f"a strip needs recordings and times, not {len(recordings)} and {len(times)} of them")
+    margin, gap, footer = 210, 4, 44
+    width = margin + len(times) * (cell[0] + gap)
+    strip = Image.new("RGB", (width, len(recordings) * (cell[1] + gap) + footer), "white")
+    for row, recording in enumerate(recordings):
+        top = row * (cell[1] + gap)
+        _write_caption(strip, top, recording)
+        for column, picture in enumerate(_strip_pictures(recording, sorted(times), cell)):
+            strip.paste(picture, (margin + column * (cell[0] + gap), top))
+    _draw_legend(strip, (margin, strip.height - footer // 2), 16, _INK, "white")
+    return np.array(strip)
+
+
+def frames(
+    recording: Recording,
+    fps: float = 25,
+    size: tuple[int, int] = (640, 480),
+    begin: float = -0.5,
+    end: float = np.inf,
+    speed: float = 1.0,
+) -> Iterator[np.ndarray]:
+    """The pictures of a film, uint8 (height, width, 3), with the time and the verdict written in.
+
+    Args:
+        begin, end: which part of the trial, since the beginning of the push [s].
+        speed: 0.5 for half the speed of life.
+
+    Raises:
+        UserError: `fps` or `speed` is not positive, or there is no OpenGL to draw with.
+    """
+    if not (fps > 0 and speed > 0):
+        raise UserError(f"fps and speed must be positive, not {fps:g} and {speed:g}")
+    times, step = recording.times, speed / fps
+    last = min(end, times[-1])
+    with Scene(recording.robot, *size) as scene:
+        for time in np.arange(max(begin, times[0]), last + 1e-9, step):
+            yield np.array(_stamped(scene, recording, recording.at(time)))
+        ending = np.array(_stamped(scene, recording, recording.at(last), verdict=last == times[-1]))
+    for _ in range(round(_HOLD * fps)):
+        yield ending
+
+
+def save_picture(path: str | Path, image: np.ndarray) -> None:
+    """Write a picture, uint8 (height, width, 3), as .png or .jpg.
+
+    Raises:
+        UserError: the suffix is another, or the file cannot be written.
+    """
+    path = _checked(path, PICTURE_SUFFIXES)
+    try:
+        Image.fromarray(image).save(path)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def save_video(
+    path: str | Path, recording: Recording, fps: float = 25, size: tuple[int, int] = (640, 480), **options: float
+) -> None:
+    """Write a film of a trial as .mp4 (H.264) or .gif.
+
+    Args:
+        size: width and height [pixels]; even for .mp4.
+        options: `begin`, `end` and `speed` of `frames`.
+
+    Raises:
+        UserError: the suffix or the size will not do, the file cannot be written, or there is no OpenGL to draw with.
+    """
+    path = _checked(path, VIDEO_SUFFIXES)
+    pictures = frames(recording, fps, size, **options)
+    try:
+        if path.suffix == ".gif":
+            _write_gif(path, pictures, fps)
+            return
+        if size[0] % 2 or size[1] % 2:
+            raise UserError(f"an .mp4 cannot have {size[0]} x {size[1]} pixels; valid: even numbers")
+        film: Any = imageio.get_writer(path, fps=fps, codec="libx264", quality=8, macro_block_size=2)
+        with film:
+            for picture in pictures:
+                film.append_data(picture)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: float) -> None:
+    images = [Image.fromarray(picture) for picture in pictures]
+    # One palette for all, from the whole film: no flicker, and still areas cost nothing.
+    some = np.concatenate([np.asarray(image) for image in images[:: max(1, len(images) // 8)]])
+    palette = Image.fromarray(some).quantize(256, Image.Quantize.MAXCOVERAGE)
+    first, *rest = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images)
+    first.save(path, save_all=True, append_images=rest, duration=1000 / fps, loop=0, optimize=False)
+
+
+def _checked(path: str | Path, valid: tuple[str, ...]) -> Path:
+    path = Path(path)
+    if path.suffix.lower() not in valid:
+        raise UserError(f"cannot write '{path}': unknown suffix '{path.suffix}'; valid: {', '.join(valid)}")
+    return path
+
+
+def _strip_pictures(recording: Recording, times: Sequence[float], size: tuple[int, int]) -> Iterator[Image.Image]:
+    outcome, last = recording.outcome, recording.times[-1]
+    with Scene(recording.robot, *size) as scene:
+        for time in times:
+            is_over = time > last + 1e-9
+            picture = Image.fromarray(scene.draw(recording.at(time), recording.trial.push))
+            words = f"{outcome.reason}, {outcome.seconds:.2f} s" if is_over else f"{time:g} s"
+            _label(picture, (8, 8), words, 17, _verdict_ink(recording) if is_over else _INK)
+            yield picture
+            if is_over:
+                return
+
+
+def _stamped(scene: Scene, recording: Recording, moment: Moment, verdict: bool = False) -> Image.Image:
+    picture = Image.fromarray(scene.draw(moment, recording.trial.push))
+    unit = picture.height / 480
+    _label(picture, (12 * unit, 12 * unit), push_words(recording.trial.push), 22 * unit, _INK)
+    _label(picture, (12 * unit, 48 * unit), recording.policy, 14 * unit, _INK)
+    _label(picture, (12 * unit, 400 * unit), f"{moment.time:.2f} s", 22 * unit, _INK)
+    if verdict:
+        _label(picture, (120 * unit, 400 * unit), recording.outcome.reason, 22 * unit, _verdict_ink(recording))
+    _draw_legend(picture, (14 * unit, 458 * unit), 13 * unit, "white", _INK)
+    return picture
+
+
+def _write_caption(strip: Image.Image, top: float, recording: Recording) -> None:
+    draw, y = ImageDraw.Draw(strip), top + 16
+    verdict = [recording.outcome.reason] + ["without a step"] * recording.outcome.without_step
+    lines = [(text, 21, _INK) for text in textwrap.wrap(push_words(recording.trial.push), 15)]
+    lines += [(text, 18, _verdict_ink(recording)) for text in verdict]
+    lines += [(text, 14, _GREY) for text in textwrap.wrap(recording.policy, 20)]
+    for text, size, ink in lines:
+        draw.text((14, y), text, fill=ink, font=_font(size))
+        y += 1.45 * size
+
+
+def _verdict_ink(recording: Recording) -> str:
+    return _GOOD if recording.outcome.recovered else _BAD
+
+
+def _label(picture: Image.Image, corner: tuple[float, float], text: str, size: float, ground: str) -> None:
+    """White text on a see-through box."""
+    draw, (x, y) = ImageDraw.Draw(picture, "RGBA"), corner
+    box = (x, y, x + draw.textlength(text, font=_font(size)) + 0.8 * size, y + 1.5 * size)
+    # Whole pixels: Pillow draws the corners twice where they overlap.
+    draw.rounded_rectangle([round(edge) for edge in box], radius=round(0.3 * size), fill=ground + "c8")
+    draw.text((x + 0.4 * size, y + 0.75 * size), text, fill="white", font=_font(size), anchor="lm")
+
+
+def _draw_legend(picture: Image.Image, middle: tuple[float, float], size: float, ink: str, edge: str) -> None:
+    """What the marks mean, from `middle` to the right."""
+    draw, (x, y) = ImageDraw.Draw(picture), middle
+    length = sum(draw.textlength("●" + word, font=_font(size)) + 1.25 * size for word, _ in _LEGEND)
+    size *= min(1.0, (picture.width - 2 * x) / length)
+    font = _font(size)
+    for word, color in _LEGEND:
+        dot = tuple(round(255 * c) for c in color[:3])
+        for text, fill, space in (("●", dot, 0.25 * size), (word, ink, size)):
+            draw.text((x, y), text, fill=fill, font=font, anchor="lm", stroke_width=0.08 * size, stroke_fill=edge)
+            x += draw.textlength(text, font=font) + space
+
+
+@functools.cache
+def _font(size: float) -> ImageFont.FreeTypeFont:
+    """DejaVu Sans Bold as it comes with matplotlib: the same on every machine."""
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans-Bold.ttf"), size)

@@ -9,7 +9,7 @@ read from the compiled model, so that no figure is written twice.
 # the CoM over the middle of the soles once the joints have sagged under the load.
 POSES: dict[str, dict[str, float]] = {
     "straight": {},
-    "bent": {"hip_pitch": -0.19, "knee_pitch": 0.5, "ankle_pitch": -0.31},
+    "bent": {"hip_pitch": -0.18, "knee_pitch": 0.5, "ankle_pitch": -0.32},
 }
 
 # The paper's words for where a push lands -> the body of the MJCF file.

@@ -1,0 +1,83 @@
+"""The commands as a user meets them: subprocesses, exit codes, one-line errors, JSON on standard output."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from surefoot.cli import COMMANDS
+from surefoot.policy import Contract, network_bytes
+from surefoot.robot import load_robot
+
+
+def surefoot(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "surefoot", *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command: str, tmp_path: Path) -> None:
+    done = surefoot(command, "--help", cwd=tmp_path)
+    assert done.returncode == 0
+    assert COMMANDS[command].__doc__.split(".")[0].split(":")[0] in " ".join(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["train", "--algorithm", "sac"], "surefoot: unknown algorithm 'sac'; valid: trpo, ppo, ddpg"),
+        (["train", "--preset", "slow"], "surefoot: unknown preset 'slow'; valid: paper, fast"),
+        (["train", "--minutes", "-1"], "surefoot: minutes must be a positive number, not -1.0"),
+        (["train", "--minutes", "nan"], "surefoot: minutes must be a positive number, not nan"),
+        (["train", "--steps", "0"], "surefoot: steps must be a positive number, not 0"),
+        (["train", "--seed", "-2"], "surefoot: seed must not be negative, not -2"),
+        (["train", "--resume", "nowhere"], "surefoot: nowhere is not a run folder: cannot read config.json"),
+        (["evaluate", "no.onnx"], "surefoot: cannot read policy no.onnx: No such file or directory"),
+        (["evaluate", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
+        (["evaluate", "empty"], "surefoot: cannot read policy empty/best.onnx: No such file or directory"),
+        (["evaluate", "nominal", "--directions", "5"], "surefoot: directions must be a multiple of 4, not 5"),
+        (["evaluate", "other.onnx"], "surefoot: unknown robot 'atlas'; valid: valkyrie"),
+        (["bench", "--seconds", "inf"], "surefoot: seconds must be a positive number, not inf"),
+    ],
+)
+def test_bad_input_gets_one_clear_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
+    (tmp_path / "bad.onnx").write_bytes(b"\x08\x07 this is no network")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "other.onnx").write_bytes(policy_of_another_robot())
+    done = surefoot(*arguments, cwd=tmp_path)
+    assert (done.returncode, done.stderr.strip(), done.stdout) == (2, message, "")
+
+
+def policy_of_another_robot() -> bytes:
+    robot = load_robot()
+    text = Contract.of(robot, "bent", 0.6).to_json().replace('"valkyrie"', '"atlas"')
+    layers = [(np.zeros((11, 47)), np.zeros(11))]
+    return network_bytes(layers, np.zeros(47), np.ones(47), False, Contract.from_json(text))
+
+
+def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard_error(tmp_path: Path) -> None:
+    done = surefoot("evaluate", "nominal", "--json", "-", "--export", "trials.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    four = [figures[f"pelvis_push.{name}"] for name in ("forward", "left", "backward", "right")]
+    assert figures["pelvis_push.worst"] == min(four)
+    assert figures["pelvis_push.best"] == max(four)
+    assert figures["pelvis_push.directions"] == 4
+    assert figures["pelvis_push.worst_Ns_per_kg"] == pytest.approx(min(four) / 137.2875, abs=1e-4)
+    assert all(impulse % 6.0 == 0.0 for impulse in four)
+    assert "Table I" in done.stderr
+    assert "Traceback" not in done.stderr
+    # The four-direction table has whole trials at each threshold and the trials of every smaller cell.
+    num_rows = len((tmp_path / "trials.csv").read_text().splitlines()) - 1
+    assert num_rows >= sum(8 * (impulse / 6.0 - 1) + 40 for impulse in four)
+
+
+def test_a_results_file_that_is_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("my notes, which no program should overwrite\n" * 50)
+    done = surefoot("evaluate", "nominal", "--results", "notes.txt", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("surefoot: cannot use notes.txt as a results table")
+    assert (tmp_path / "notes.txt").read_text().startswith("my notes")
