@@ -86,13 +86,13 @@ class Evaluate:
     def main(self) -> None:
         if self.directions < 4 or self.directions % 4:
             raise UserError(f"directions must be a multiple of 4, not {self.directions}")
-        _, figures = evaluate_policy(self.policy, self.directions, self.results, _results_console(self.json))
-        for table, file in {"trials": self.export, "thresholds": self.export_thresholds}.items():
-            if file:
-                from surefoot.results import Results
+        output = _results_console(self.json)
+        figures = evaluate_policy(self.policy, self.directions, self.results, output, self.export_thresholds)
+        if self.export:
+            from surefoot.results import Results
 
-                with Results(self.results) as results:
-                    results.export(table, file)
+            with Results(self.results) as results:
+                results.export("trials", self.export)
         if self.json:
             _write_json(figures, self.json)
 
@@ -154,22 +154,53 @@ class Demo:
     """Seed of everything random."""
 
     def main(self) -> None:
-        from surefoot.demo import draw_pictures
-
         if (self.out / "config.json").exists():
             # The run of an earlier demo; nothing else is ever removed.
             for file in self.out.iterdir():
                 file.unlink()
         Train(algorithm=self.algorithm, run=self.out, minutes=self.minutes, seed=self.seed).main()
-        thresholds, _ = evaluate_policy(str(self.out), 4, self.out / "results.sqlite", Console())
+        evaluate_policy(str(self.out), 4, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
+        Pictures(self.out / "thresholds.csv", self.out, str(self.out), self.out).main()
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Draw the pictures of results: bars beside the paper, polar map, learning curves, film strip."""
+
+    thresholds: Path = Path("results/thresholds.csv")
+    """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
+    curves: Path = Path("results/curves")
+    """Folder with learning curves: ALGORITHM-SEED.csv, or the curve.csv of one run."""
+    policy: str = "trpo"
+    """The policy of the film strip, as for `surefoot evaluate`; it must be among the thresholds."""
+    out: Path = Path("docs/pictures")
+    """Folder for the pictures."""
+
+    def main(self) -> None:
+        from surefoot import pictures, plots
+        from surefoot.policy import load_policy
+        from surefoot.results import read_thresholds
+
+        policies, policy = read_thresholds(self.thresholds), load_policy(self.policy)
+        if policy.name not in policies:
+            raise UserError(f"no thresholds of '{policy.name}' in {self.thresholds}; valid: {', '.join(policies)}")
+        self.out.mkdir(parents=True, exist_ok=True)
         with console.status("drawing pictures"):
-            pictures = draw_pictures(self.out, thresholds)
-        for picture in pictures:
+            drawn = pictures.draw_thresholds(policies, policy.robot, self.out)
+            drawn.append(self.out / "curves.png")
+            plots.learning_curves(_read_curves(self.curves, policy), drawn[-1])
+            try:
+                drawn.append(pictures.draw_strip(policy, policies[policy.name], self.out / "strip.png"))
+            except UserError as error:  # a machine without OpenGL still gets the plots
+                console.print(f"no film strip: {error}", markup=False, soft_wrap=True)
+        for picture in drawn:
             console.print(f"picture: {picture}")
 
 
-def evaluate_policy(name: str, num_directions: int, path: Path, output: Console):
-    """Search, print and keep the thresholds of one policy: (thresholds, flat figures)."""
+def evaluate_policy(
+    name: str, num_directions: int, path: Path, output: Console, export: Path | None = None
+) -> dict[str, float]:
+    """Search, print and keep the thresholds of one policy; returns its flat figures."""
     from surefoot import tables
     from surefoot.evaluation import find_thresholds, push_lines
     from surefoot.policy import NominalPolicy, load_policy
@@ -186,10 +217,12 @@ def evaluate_policy(name: str, num_directions: int, path: Path, output: Console)
                 policy, push_lines(num_directions=num_directions), results.trials_of(policy), show
             )
         results.add_thresholds(policy, thresholds)
+        if export:
+            results.export("thresholds", export)
     figures = tables.flat_figures(thresholds, robot, pose, time.monotonic() - began)
     output.print(tables.direction_table(policy.name, thresholds, robot, pose))
     output.print(tables.table_1({policy.contract.training.get("algorithm", policy.name): thresholds}, robot))
-    return thresholds, figures
+    return figures
 
 
 COMMANDS: dict[str, Callable[..., Any]] = {
@@ -252,6 +285,18 @@ def _evaluation_bar() -> Iterator:
             bar.update(task, says=f"{num_trials:,} trials, at {' '.join(f'{ns:.0f}' for ns in reached)} Ns")
 
         yield show
+
+
+def _read_curves(folder: Path, policy: Any) -> dict[str, list[list[dict[str, float]]]]:
+    from surefoot.curve import read_curve
+
+    single = folder / "curve.csv"
+    if single.exists():
+        return {policy.contract.training["algorithm"]: [read_curve(single)]}
+    found: dict[str, list[list[dict[str, float]]]] = {}
+    for file in sorted(folder.glob("*.csv")):
+        found.setdefault(file.stem.split("-")[0], []).append(read_curve(file))
+    return found
 
 
 def _results_console(json_path: str | None) -> Console:

@@ -88,7 +88,8 @@ def polar_map(
     Raises:
         UserError: there are no thresholds, the suffix is unknown, or the file cannot be written.
     """
-    if not any(thresholds.values()):
+    thresholds = {name: points for name, points in thresholds.items() if len(points)}
+    if not thresholds:
         raise UserError("no thresholds to draw; run an evaluation first")
     paper = paper or {}
     names = list(dict.fromkeys([*thresholds, *paper]))
@@ -234,7 +235,7 @@ def _hollow(color: str) -> dict:
 
 def _style_polar(axes: PolarAxes, highest: float) -> None:
     axes.set_theta_zero_location("N")
-    ring = 50.0 * np.ceil(highest / 300.0)
+    ring = 50.0 * np.ceil(max(highest, 1.0) / 300.0)
     rings = np.arange(ring, highest + 0.95 * ring, ring)
     axes.set_rlim(0.0, rings[-1])
     axes.set_rgrids(rings, [""] * len(rings))
@@ -244,8 +245,7 @@ def _style_polar(axes: PolarAxes, highest: float) -> None:
         label.set(zorder=5, path_effects=[withStroke(linewidth=3, foreground="white")])
     words = ["forward", "", "left", "", "backward", "", "right", ""]
     axes.set_thetagrids(range(0, 360, 45), words, fontsize=13, fontweight="bold")
-    for word, side in zip(axes.get_xticklabels()[2::4], ("right", "left"), strict=True):
-        word.set_horizontalalignment(side)
+    axes.tick_params(axis="x", pad=10)
     axes.spines["polar"].set_visible(False)
 
 

@@ -49,6 +49,17 @@ def capture_point_bound(robot: Robot, pose: str | np.ndarray, angles: Sequence[f
     ]
 
 
+def worse_bounds(robot: Robot) -> tuple[float, float]:
+    """Equation (6) in the paper's straight pose: the worse sagittal and the worse lateral direction [Ns]."""
+    forward, left, backward, right = capture_point_bound(robot, "straight", list(DIRECTIONS.values()))
+    return min(forward, backward), min(left, right)
+
+
+def paper_row(name: str) -> PaperRow | None:
+    """The paper's row for a policy whose name begins with its algorithm, such as "trpo" or "trpo-0"."""
+    return PAPER_TABLE_1.get(name.split("-")[0].split(".")[0])
+
+
 def worse_of(thresholds: Mapping[str, Threshold], names: Sequence[str]) -> Threshold:
     """The lowest of the named directions."""
     return min((thresholds[name] for name in names), key=lambda t: t.impulse)
@@ -98,16 +109,13 @@ def direction_table(name: str, thresholds: Sequence[Threshold], robot: Robot, po
 
 
 def table_1_rows(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> list[list[str]]:
-    """Table I with ours beside the paper's: one row per policy whose lines hold the four main directions.
-
-    The policy's name before the first "-" or "." names the paper's row, if it is one of its algorithms.
-    """
+    """Table I with ours beside the paper's: one row per policy, whose lines must hold the four main directions."""
     rows = []
     for name, thresholds in policies.items():
         by_name = {t.line.name: t for t in thresholds if not t.line.without_step and t.line.body == "pelvis"}
         sagittal = worse_of(by_name, ("forward", "backward"))
         lateral = worse_of(by_name, ("left", "right"))
-        paper = PAPER_TABLE_1.get(name.split("-")[0].split(".")[0])
+        paper = paper_row(name)
         rows.append(
             [
                 name,
@@ -120,7 +128,7 @@ def table_1_rows(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> l
         )
     bound = PAPER_TABLE_1["equation (6)"]
     bounds = capture_point_bound(robot, "straight", list(DIRECTIONS.values()))
-    sagittal_bound, lateral_bound = min(bounds[0], bounds[2]), min(bounds[1], bounds[3])
+    sagittal_bound, lateral_bound = worse_bounds(robot)
     rows.append(
         [
             "equation (6)",

@@ -48,6 +48,10 @@ _COM, _FORCE, _SUPPORT = (1.0, 0.82, 0.1, 1.0), (0.15, 0.6, 1.0, 0.9), (0.9, 0.9
 _CAPTURED, _ESCAPED = (0.1, 0.85, 0.35, 1.0), (0.95, 0.1, 0.15, 1.0)
 _INK, _GREY, _GOOD, _BAD = "#1c2430", "#6b7686", "#1d7f45", "#c22f2a"
 
+_WAYS = (
+    *("forward", "forward left", "left", "backward left"),
+    *("backward", "backward right", "right", "forward right"),
+)
 _LEGEND = (
     ("push", _PUSH),
     ("CoM", _COM),
@@ -213,8 +217,11 @@ class Scene:
         mujoco.mj_forward(self._model, self._data)
         lateral = push is not None and abs(push.direction[1]) > abs(push.direction[0])
         self._camera.azimuth, self._camera.elevation = _SIGHT["lateral" if lateral else "sagittal"]
-        self._camera.lookat = [*moment.com_position[:2], 0.88]
+        # The height of a standing robot's middle; higher only when it flies.
+        self._camera.lookat = [*moment.com_position[:2], max(0.88, moment.com_position[2] - 0.25)]
         self._camera.distance = 3.1
+        # First, because mjv_updateScene puts the headlight where the camera was before.
+        mujoco.mjv_updateCamera(self._model, self._data, self._camera, self._scene)
         mujoco.mjv_updateScene(
             self._model, self._data, self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL, self._scene
         )
@@ -299,29 +306,30 @@ def gl_backend() -> str:
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
     usual = {"Linux": ("egl", "osmesa", "glfw"), "Darwin": ("cgl", "glfw")}.get(platform.system(), ("glfw",))
     # Tried in another process: a backend that fails leaves PyOpenGL unfit for the next one.
-    trial = (
+    attempt = (
         "import mujoco; from mujoco.{} import GLContext; context = GLContext(8, 8); context.make_current();"
         "mujoco.MjrContext(mujoco.MjModel.from_xml_string('<mujoco/>'), 100)"
     )
     candidates = (wanted,) if wanted in usual else usual
     for backend in candidates:
-        command = [sys.executable, "-c", trial.format(backend)]
+        command = [sys.executable, "-c", attempt.format(backend)]
         if subprocess.run(command, capture_output=True, check=False).returncode == 0:
             return backend
     tried = f"MUJOCO_GL={wanted}" if wanted in usual else ", ".join(candidates)
-    raise UserError(f"no OpenGL to draw with ({tried}); install libegl1 and libgl1, or libosmesa6 (apt install ...)")
+    raise UserError(f"no OpenGL to draw with ({tried}); try: apt install libegl1 libgl1 (or libosmesa6)")
 
 
 def push_words(push: Push) -> str:
     """A push in words: "240 Ns forward", "108 Ns left at the left shank", "90 Ns at 30°"."""
     x, y, z = push.direction
+    angle = float(np.degrees(np.arctan2(y, x))) % 360.0
+    eighth = round(angle / 45.0)
     if abs(z) > np.hypot(x, y):
         way = "up" if z > 0 else "down"
+    elif abs(angle - 45.0 * eighth) < 1.0:
+        way = _WAYS[eighth % 8]
     else:
-        angle = float(np.degrees(np.arctan2(y, x))) % 360.0
-        eighth = round(angle / 45.0)
-        ways = ("forward", "forward left", "left", "backward left", "backward", "backward right", "right")
-        way = (*ways, "forward right", "forward")[eighth] if abs(angle - 45.0 * eighth) < 1.0 else f"at {angle:.0f}°"
+        way = f"at {angle:.0f}°"
     body = "" if push.body == "pelvis" else f" at the {push.body.replace('_', ' ')}"
     return f"{push.impulse:g} Ns {way}{body}"
 
@@ -426,9 +434,10 @@ def save_video(
 
 def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: float) -> None:
     images = [Image.fromarray(picture) for picture in pictures]
-    # One palette for all, from the whole film: no flicker, and still areas cost nothing.
+    # One palette for all, from the whole film: no flicker, and still areas cost nothing. MAXCOVERAGE keeps the colours
+    # of small marks, k-means those of the large areas.
     some = np.concatenate([np.asarray(image) for image in images[:: max(1, len(images) // 8)]])
-    palette = Image.fromarray(some).quantize(256, Image.Quantize.MAXCOVERAGE)
+    palette = Image.fromarray(some).quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=3)
     first, *rest = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images)
     first.save(path, save_all=True, append_images=rest, duration=1000 / fps, loop=0, optimize=False)
 
@@ -437,6 +446,8 @@ def _checked(path: str | Path, valid: tuple[str, ...]) -> Path:
     path = Path(path)
     if path.suffix.lower() not in valid:
         raise UserError(f"cannot write '{path}': unknown suffix '{path.suffix}'; valid: {', '.join(valid)}")
+    if not path.parent.is_dir():
+        raise UserError(f"cannot write '{path}': there is no folder '{path.parent}'")
     return path
 
 
@@ -468,7 +479,7 @@ def _stamped(scene: Scene, recording: Recording, moment: Moment, verdict: bool =
 def _write_caption(strip: Image.Image, top: float, recording: Recording) -> None:
     draw, y = ImageDraw.Draw(strip), top + 16
     verdict = [recording.outcome.reason] + ["without a step"] * recording.outcome.without_step
-    lines = [(text, 21, _INK) for text in textwrap.wrap(push_words(recording.trial.push), 15)]
+    lines = [(text, 21, _INK) for text in textwrap.wrap(push_words(recording.trial.push), 14)]
     lines += [(text, 18, _verdict_ink(recording)) for text in verdict]
     lines += [(text, 14, _GREY) for text in textwrap.wrap(recording.policy, 20)]
     for text, size, ink in lines:

@@ -35,7 +35,7 @@ class TrainConfig:
         final_learning_rate: share of the learning rate left at the end; it falls linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
         noise: standard deviation of the calmest and the boldest robot's exploration (DDPG).
-        mirror: replay half of every batch in the mirror (DDPG).
+        mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
         env: the task.
     """
 
@@ -113,21 +113,30 @@ _PAPER = {
 _FAST_ENV = EnvConfig(
     pose="bent",
     action_scale=0.6,
-    power_weight=((0.0, 3e-4), (0.5, 3e-4), (0.8, 1e-3)),
-    disturbance=DisturbanceConfig(impulse=(20.0, 600.0), first=(0.4, 3.4), interval=(2.4, 4.4), curriculum=0.7),
+    power_weight=((0.0, 3e-4), (0.6, 3e-4), (0.9, 1e-3)),
+    disturbance=DisturbanceConfig(impulse=(20.0, 600.0), first=(0.4, 3.4), interval=(2.4, 4.4), curriculum=0.6),
 )
 _FAST_ON_POLICY = {"n_steps": 32, "gamma": 0.97, "gae_lambda": 0.95}
 _FAST = {
     "trpo": TrainConfig(
         algorithm="trpo",
-        hyper={**_FAST_ON_POLICY, "batch_size": 1024, "learning_rate": 1e-3, "target_kl": 0.02, "cg_max_steps": 10},
-        log_std=-1.0,
+        hyper={
+            **_FAST_ON_POLICY,
+            "batch_size": 1024,
+            "learning_rate": 1e-3,
+            "target_kl": 0.02,
+            "cg_max_steps": 6,
+            "n_critic_updates": 2,
+        },
+        log_std=-1.2,
+        mirror=True,
         env=_FAST_ENV,
     ),
     "ppo": TrainConfig(
         algorithm="ppo",
-        hyper={**_FAST_ON_POLICY, "batch_size": 1024, "n_epochs": 5, "learning_rate": 3e-4, "ent_coef": 0.002},
-        log_std=-1.0,
+        hyper={**_FAST_ON_POLICY, "batch_size": 2048, "n_epochs": 4, "learning_rate": 5e-4, "ent_coef": 0.001},
+        log_std=-1.2,
+        mirror=True,
         env=_FAST_ENV,
     ),
     "ddpg": TrainConfig(

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from surefoot.curve import read_curve
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.policy import SUFFIX
@@ -104,10 +105,7 @@ class RunFolder:
     def curve(self) -> list[dict[str, float]]:
         """The learning curve so far."""
         file = self.path / "curve.csv"
-        if not file.exists():
-            return []
-        with file.open(newline="") as stream:
-            return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(stream)]
+        return read_curve(file) if file.exists() else []
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -53,8 +53,8 @@ class SB3VecEnv(VecEnv):
     """
 
     def __init__(self, env: PushRecoveryVectorEnv):
+        self.env = env  # SB3's constructor asks it for its render mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        self.env = env
         self.normalise = Normalisation(env)
         self._no_info: dict[str, Any] = {}
         self._return = np.zeros(env.num_envs)

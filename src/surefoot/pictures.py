@@ -1,0 +1,57 @@
+"""Pictures of results: what the demo leaves and the README shows. Reads thresholds and curves, runs single trials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from surefoot import plots, tables, video
+from surefoot.evaluation import GRID, Threshold
+from surefoot.policy import Policy
+from surefoot.robot import Robot
+
+STRIP_SEED = 0
+
+
+def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, folder: Path) -> list[Path]:
+    """Table I as bars, and the rejected impulse by direction as a polar map.
+
+    Args:
+        policies: thresholds at the pelvis by the policy's name; the four main directions must be among them.
+    """
+    rows = [_bar_row(name, thresholds) for name, thresholds in policies.items()]
+    equation = tables.PAPER_TABLE_1["equation (6)"]
+    sagittal, lateral = tables.worse_bounds(robot)
+    rows.append(plots.BarRow("equation (6)", sagittal, lateral, equation.sagittal, equation.lateral))
+    bars, polar = folder / "bars.png", folder / "polar.png"
+    plots.bars_beside_paper(rows, bars)
+    angles = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False).tolist()
+    bound = list(zip(angles, tables.capture_point_bound(robot, "straight", angles), strict=True))
+    plots.polar_map({name: [(t.line.angle, t.impulse) for t in ts] for name, ts in policies.items()}, bound, polar)
+    return [bars, polar]
+
+
+def draw_strip(policy: Policy, thresholds: Sequence[Threshold], path: Path) -> Path:
+    """A film strip of the policy's largest rejected pushes forward and to the left, and of one that it does not.
+
+    Raises:
+        UserError: there is no OpenGL to draw with.
+    """
+    by_name = {t.line.name: t for t in thresholds}
+    forward, left = by_name["forward"], by_name["left"]
+    too_much = max(by_name.values(), key=lambda t: t.impulse)
+    trials = [t.line.trial(round(t.impulse / GRID), STRIP_SEED, whole=True) for t in (forward, left)]
+    trials.append(too_much.line.trial(round(1.5 * too_much.impulse / GRID) + 5, STRIP_SEED, whole=True))
+    recordings = [video.record(policy, trial) for trial in trials]
+    video.save_picture(path, video.filmstrip(recordings))
+    return path
+
+
+def _bar_row(name: str, thresholds: Sequence[Threshold]) -> plots.BarRow:
+    by_name = {t.line.name: t for t in thresholds}
+    sagittal = tables.worse_of(by_name, ("forward", "backward")).impulse
+    lateral = tables.worse_of(by_name, ("left", "right")).impulse
+    paper = tables.paper_row(name)
+    return plots.BarRow(name, sagittal, lateral, *(paper or (None, None)))

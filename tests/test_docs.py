@@ -1,0 +1,68 @@
+"""The documentation says what the committed results and the code say."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from surefoot import tables
+from surefoot.bench import run_bench
+from surefoot.evaluation import push_lines
+from surefoot.policy import load_policy, shipped_policies
+from surefoot.results import read_thresholds
+from surefoot.robot import load_robot
+
+ROOT = Path(__file__).parent.parent
+THRESHOLDS = ROOT / "results" / "thresholds.csv"
+
+
+def test_the_readmes_table_is_that_of_the_committed_thresholds() -> None:
+    block = re.search(
+        r"<!-- table 1: .*? -->\n(.*?)<!-- end of table 1 -->", (ROOT / "README.md").read_text(), re.DOTALL
+    )
+    assert block is not None
+    rows = tables.table_1_rows(read_thresholds(THRESHOLDS), load_robot())
+    assert block[1] == tables.markdown(tables.TABLE_1_COLUMNS, rows)
+
+
+def test_every_shipped_policy_has_its_thresholds_and_its_curve() -> None:
+    assert shipped_policies()
+    found = read_thresholds(THRESHOLDS)
+    for name in shipped_policies():
+        assert {line.name for line in push_lines()} <= {threshold.line.name for threshold in found[name]}
+        training = load_policy(name).contract.training
+        curve = ROOT / "results" / "curves" / f"{training['algorithm']}-{training['seed']}.csv"
+        assert curve.exists()
+
+
+def test_a_shipped_policy_holds_the_papers_bound_in_all_four_directions() -> None:
+    """53 Ns forward and backward and 78 Ns to the sides, equation (6): 54 and 78 on the grid of 6 Ns."""
+    best = max(read_thresholds(THRESHOLDS).values(), key=lambda ts: min(t.impulse for t in ts))
+    impulses = {t.line.name: t.impulse for t in best}
+    assert min(impulses["forward"], impulses["backward"]) >= 54.0
+    assert min(impulses["left"], impulses["right"]) >= 78.0
+
+
+@pytest.mark.parametrize(
+    "link_source", sorted(p.relative_to(ROOT) for p in ROOT.glob("*.md")) + [Path("docs/method.md")]
+)
+def test_links_lead_somewhere(link_source: Path) -> None:
+    text = (ROOT / link_source).read_text()
+    targets = [t for t in re.findall(r"\]\(([^)#]+)\)", text) if "://" not in t]
+    missing = [target for target in targets if not (ROOT / link_source.parent / target).exists()]
+    assert not missing
+
+
+def test_every_figure_for_machines_is_documented() -> None:
+    documented = (ROOT / "docs" / "figures.md").read_text()
+    figures = run_bench(seconds=0.5)
+    assert figures["bench.policy_step_us"] < 5000.0
+    assert 0.2 < figures["bench.env_over_physics"] <= 1.2
+    assert 0.1 < figures["bench.learning_over_env"] <= 1.0
+    thresholds = read_thresholds(THRESHOLDS)["nominal-bent"]
+    four = [t for t in thresholds if t.line.name in ("forward", "left", "backward", "right")]
+    figures |= tables.flat_figures(four, load_robot(), load_robot().pose("bent"), 1.0)
+    for key in figures:
+        general = re.sub(r"pelvis_push\.(forward|left|backward|right)\.", "pelvis_push.DIRECTION.", key)
+        parts = general.rsplit(".", 1)
+        assert f"`{general}`" in documented or (f"`{parts[0]}." in documented and f"`.{parts[1]}`" in documented), key
