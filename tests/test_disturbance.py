@@ -226,15 +226,19 @@ def test_without_a_curriculum_the_ceiling_is_the_ranges_end_for_ever(robot: Robo
     np.testing.assert_array_equal(random.ceiling, np.full(16, 106.0))
 
 
-def test_a_curriculum_begins_at_60_newton_seconds_in_every_direction(robot: Robot) -> None:
-    _, pushes = random_pushes(robot, 2000, curriculum=0.6, impulse=(10.0, 300.0))
+# With this curriculum every direction begins at 60 Ns and ends at 300.
+CURRICULUM = {"curriculum": 0.6, "impulse": (10.0, 60.0), "max_impulse": 300.0}
+
+
+def test_a_curriculum_begins_at_the_ranges_upper_end_in_every_direction(robot: Robot) -> None:
+    _, pushes = random_pushes(robot, 2000, **CURRICULUM)
     magnitude = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
     assert (magnitude.min(), magnitude.max()) == (pytest.approx(10.0, abs=0.2), pytest.approx(60.0, abs=0.2))
 
 
 @pytest.mark.parametrize(("degrees", "sector"), [(0.0, 0), (90.0, 4), (180.0, 8), (-90.0, 12), (-22.5, 15)])
 def test_a_survived_hard_push_raises_its_own_sector_only(robot: Robot, degrees: float, sector: int) -> None:
-    random, pushes = random_pushes(robot, 1, curriculum=0.6, impulse=(10.0, 300.0))
+    random, pushes = random_pushes(robot, 1, **CURRICULUM)
     give_push(random, degrees, 55.0)  # hard: above 0.7 * 60 = 42 Ns
     random.advance(pushes.start + 1000)  # 2 s later
     expected = np.full(16, 60.0)
@@ -243,29 +247,31 @@ def test_a_survived_hard_push_raises_its_own_sector_only(robot: Robot, degrees: 
 
 
 def test_a_fall_after_a_hard_push_sinks_its_own_sector_only(robot: Robot) -> None:
-    random, pushes = random_pushes(robot, 1, curriculum=0.6, impulse=(10.0, 300.0))
-    give_push(random, 90.0, 55.0)
+    random, pushes = random_pushes(robot, 1, **CURRICULUM)
+    random.ceiling += 10.0
+    give_push(random, 90.0, 65.0)
     random.fell(np.array([0]), pushes.start + 300)
-    expected = np.full(16, 60.0)
+    expected = np.full(16, 70.0)
     expected[4] -= 4.0 * 0.6
     np.testing.assert_allclose(random.ceiling, expected, rtol=1e-14)
 
 
 def test_weak_pushes_and_falls_before_the_push_teach_nothing(robot: Robot) -> None:
-    random, pushes = random_pushes(robot, 1, curriculum=0.6, impulse=(10.0, 300.0))
+    random, pushes = random_pushes(robot, 1, **CURRICULUM)
+    random.ceiling += 10.0
     give_push(random, 0.0, 30.0)
     random.fell(np.array([0]), pushes.start + 300)
     give_push(random, 0.0, 30.0)
     random.advance(pushes.start + 1000)
-    give_push(random, 0.0, 55.0)
+    give_push(random, 0.0, 65.0)
     random.fell(np.array([0]), pushes.start - 1)
-    np.testing.assert_array_equal(random.ceiling, np.full(16, 60.0))
+    np.testing.assert_array_equal(random.ceiling, np.full(16, 70.0))
 
 
 def test_the_ceiling_settles_where_the_share_survived_is_the_one_asked_for(robot: Robot) -> None:
     """A robot that survives exactly the pushes below 150 Ns, from every direction."""
     n = 48
-    random, pushes = random_pushes(robot, n, curriculum=0.6, impulse=(10.0, 300.0))
+    random, pushes = random_pushes(robot, n, **CURRICULUM)
     everyone = np.arange(n)
     ceilings = []
     for _ in range(1000):
@@ -280,13 +286,15 @@ def test_the_ceiling_settles_where_the_share_survived_is_the_one_asked_for(robot
     assert np.mean(ceilings[-500:]) == pytest.approx(150.0 / 0.88, rel=0.03)
 
 
-def test_a_curriculum_never_leaves_the_range_of_impulses(robot: Robot) -> None:
-    random, pushes = random_pushes(robot, 300, curriculum=0.5, impulse=(80.0, 90.0))
+def test_a_curriculum_never_leaves_its_range(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 300, curriculum=0.5, impulse=(80.0, 85.0), max_impulse=90.0)
     for _ in range(30):
         magnitude = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
         assert magnitude.min() > 80.0 - 1e-9
         assert magnitude.max() < 90.0 + 1e-9
         random.advance(pushes.start + 1000)
+    random.fell(np.repeat(np.arange(300), 100), np.repeat(pushes.start + 1, 100))
+    assert random.ceiling.min() == 85.0
 
 
 # What users and seeds decide.

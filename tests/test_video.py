@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from surefoot import video
+from surefoot import scene as scene_module
 from surefoot.disturbance import Push
 from surefoot.errors import UserError
 from surefoot.policy import NominalPolicy
@@ -37,7 +37,7 @@ def stay() -> Recording:
 @pytest.fixture(scope="module")
 def needs_opengl() -> None:
     try:
-        video.gl_backend()
+        scene_module.gl_backend()
     except UserError as error:
         pytest.skip(str(error))
 
@@ -138,6 +138,8 @@ def test_a_push_is_put_into_words(push, words):
 def test_the_push_is_an_arrow_from_its_beginning_until_a_little_after_its_end(scene, fall):
     drawn = {t: len(orange(scene.draw(fall.at(t), FALL.push))) > 100 for t in (-0.1, 0.02, 0.3, 0.5)}
     assert drawn == {-0.1: False, 0.02: True, 0.3: True, 0.5: False}
+    no_push = scene.draw(fall.at(0.02), Push(impulse=0.0))
+    assert (no_push == scene.draw(fall.at(0.02))).all()
 
 
 def test_the_arrow_is_as_long_as_the_force_and_points_at_the_body(scene, stay):
@@ -284,15 +286,15 @@ def test_what_cannot_be_written_is_named_before_anything_is_drawn(tmp_path, fall
 
 @pytest.fixture
 def fresh_choice():
-    video.gl_backend.cache_clear()
+    scene_module.gl_backend.cache_clear()
     yield
-    video.gl_backend.cache_clear()
+    scene_module.gl_backend.cache_clear()
 
 
 def test_the_wish_in_mujoco_gl_is_respected(fresh_choice, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
     try:
-        answer = video.gl_backend()
+        answer = scene_module.gl_backend()
     except UserError as error:
         answer = str(error)
     assert answer == "osmesa" or "MUJOCO_GL=osmesa" in answer

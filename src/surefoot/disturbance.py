@@ -87,8 +87,9 @@ class DisturbanceConfig:
         first: range of the first push's start [s], uniform.
         interval: range of the time from one push to the next [s], uniform.
         duration: [s].
-        curriculum: if given, the share of hard pushes to survive. Each direction then has a ceiling of its own
-            instead of the range's upper end: it rises while more are survived and sinks while fewer are.
+        curriculum: if given, the share of hard pushes to survive. Each direction then has a ceiling of its own that
+            begins at the range's upper end and rises while more are survived.
+        max_impulse: where a curriculum ends [Ns].
     """
 
     bodies: tuple[str, ...] = ("pelvis",)
@@ -97,6 +98,7 @@ class DisturbanceConfig:
     interval: tuple[float, float] = (5.0, 5.0)
     duration: float = PUSH_DURATION
     curriculum: float | None = None
+    max_impulse: float = 600.0
 
 
 class RandomPushes:
@@ -112,8 +114,6 @@ class RandomPushes:
     """
 
     NUM_SECTORS = 16
-    FIRST_CEILING = 60.0
-    """Where a curriculum begins [Ns]: about what holding the nominal pose survives."""
     STEP = 4.0
     """How fast a curriculum moves [Ns per push]."""
     HARD = 0.7
@@ -125,8 +125,7 @@ class RandomPushes:
         self.config = config
         self.pushes = pushes
         self.rng = rng
-        first = config.impulse[1] if config.curriculum is None else self.FIRST_CEILING
-        self.ceiling = np.full(self.NUM_SECTORS, np.clip(first, *config.impulse))
+        self.ceiling = np.full(self.NUM_SECTORS, config.impulse[1])
         self._body_ids = np.array([pushes.robot.body_id(body) for body in config.bodies])
         self._sector = np.zeros(len(pushes.start), np.int64)
         self._impulse = np.zeros(len(pushes.start))
@@ -154,7 +153,7 @@ class RandomPushes:
             return
         hard = ids[self._impulse[ids] > self.HARD * self.ceiling[self._sector[ids]]]
         np.add.at(self.ceiling, self._sector[hard], self.STEP * (survived - self.config.curriculum))
-        np.clip(self.ceiling, *self.config.impulse, out=self.ceiling)
+        np.clip(self.ceiling, self.config.impulse[1], self.config.max_impulse, out=self.ceiling)
 
     def _draw(self, ids: np.ndarray, since: np.ndarray, wait: tuple[float, float]) -> None:
         n = len(ids)

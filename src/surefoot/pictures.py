@@ -27,9 +27,10 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
     rows.append(plots.BarRow("equation (6)", sagittal, lateral, equation.sagittal, equation.lateral))
     bars, polar = folder / "bars.png", folder / "polar.png"
     plots.bars_beside_paper(rows, bars)
-    angles = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False).tolist()
+    angles = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False).tolist()
     bound = list(zip(angles, tables.capture_point_bound(robot, "straight", angles), strict=True))
-    plots.polar_map({name: [(t.line.angle, t.impulse) for t in ts] for name, ts in policies.items()}, bound, polar)
+    points = {name: [(t.line.angle, t.impulse) for t in thresholds] for name, thresholds in policies.items()}
+    plots.polar_map(points, bound, polar, title="Rejected impulse [Ns] at the pelvis, by direction of the push")
     return [bars, polar]
 
 

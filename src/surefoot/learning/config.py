@@ -114,7 +114,7 @@ _FAST_ENV = EnvConfig(
     pose="bent",
     action_scale=0.6,
     power_weight=((0.0, 3e-4), (0.6, 3e-4), (0.9, 1e-3)),
-    disturbance=DisturbanceConfig(impulse=(20.0, 600.0), first=(0.4, 3.4), interval=(2.4, 4.4), curriculum=0.6),
+    disturbance=DisturbanceConfig(impulse=(40.0, 240.0), first=(0.4, 3.4), interval=(2.4, 4.4), curriculum=0.6),
 )
 _FAST_ON_POLICY = {"n_steps": 32, "gamma": 0.97, "gae_lambda": 0.95}
 _FAST = {
@@ -128,14 +128,14 @@ _FAST = {
             "cg_max_steps": 6,
             "n_critic_updates": 2,
         },
-        log_std=-1.2,
+        log_std=-0.8,
         mirror=True,
         env=_FAST_ENV,
     ),
     "ppo": TrainConfig(
         algorithm="ppo",
         hyper={**_FAST_ON_POLICY, "batch_size": 2048, "n_epochs": 4, "learning_rate": 5e-4, "ent_coef": 0.001},
-        log_std=-1.2,
+        log_std=-0.8,
         mirror=True,
         env=_FAST_ENV,
     ),
