@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install check test demo quick-demo bench pictures clean
+.PHONY: help install check test demo quick-demo bench results results-tables clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
@@ -36,6 +36,22 @@ quick-demo: $(READY)
 
 bench: $(READY)
 	$(BIN)/surefoot bench
+
+# What results/ holds and the README quotes: 15 minutes of learning per algorithm, 16 directions per policy.
+ALGORITHMS := trpo ppo ddpg
+results: $(READY)
+	for a in $(ALGORITHMS); do \
+	    $(BIN)/surefoot train --algorithm $$a --minutes 15 --run runs/results-$$a && \
+	    cp runs/results-$$a/best.onnx src/surefoot/policies/$$a.onnx && \
+	    cp runs/results-$$a/curve.csv results/curves/$$a-0.csv || exit 1; done
+	$(MAKE) results-tables
+
+results-tables: $(READY)
+	for p in nominal $(ALGORITHMS); do \
+	    $(BIN)/surefoot evaluate $$p --directions 16 --results runs/results.sqlite \
+	        --export results/trials.parquet --export-thresholds results/thresholds.csv || exit 1; done
+	$(BIN)/surefoot pictures --policy trpo
+	$(BIN)/surefoot bench --json results/bench.json
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from surefoot.cli import COMMANDS
-from surefoot.policy import Contract, network_bytes
+from surefoot.policy import Contract, network_bytes, shipped_policies
 from surefoot.robot import load_robot
 
 
@@ -25,6 +25,9 @@ def test_every_command_explains_itself(command: str, tmp_path: Path) -> None:
     assert COMMANDS[command].__doc__.split(".")[0].split(":")[0] in " ".join(done.stdout.split())
 
 
+SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -35,10 +38,14 @@ def test_every_command_explains_itself(command: str, tmp_path: Path) -> None:
         (["train", "--steps", "0"], "surefoot: steps must be a positive number, not 0"),
         (["train", "--seed", "-2"], "surefoot: seed must not be negative, not -2"),
         (["train", "--resume", "nowhere"], "surefoot: nowhere is not a run folder: cannot read config.json"),
-        (["evaluate", "no.onnx"], "surefoot: cannot read policy no.onnx: No such file or directory"),
+        (["evaluate", "no.onnx"], "surefoot: cannot read policy no.onnx: No such file or directory" + SHIPPED),
         (["evaluate", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
-        (["evaluate", "empty"], "surefoot: cannot read policy empty/best.onnx: No such file or directory"),
+        (["evaluate", "empty"], "surefoot: cannot read policy empty/best.onnx: No such file or directory" + SHIPPED),
         (["evaluate", "nominal", "--directions", "5"], "surefoot: directions must be a multiple of 4, not 5"),
+        (
+            ["evaluate", "nominal", "--export", "t.xls"],
+            "surefoot: unknown format '.xls' of t.xls; valid: .csv, .parquet",
+        ),
         (["evaluate", "other.onnx"], "surefoot: unknown robot 'atlas'; valid: valkyrie"),
         (["bench", "--seconds", "inf"], "surefoot: seconds must be a positive number, not inf"),
     ],

@@ -26,7 +26,7 @@ console = Console(stderr=True)
 class Train:
     """Learn a policy. Ctrl-C stops a run; --resume takes it up again."""
 
-    algorithm: str = "ddpg"
+    algorithm: str = "trpo"
     """trpo, ppo or ddpg."""
     preset: str = "fast"
     """fast (minutes on a laptop) or paper (the paper's hyperparameters, pose and pushes)."""
@@ -84,13 +84,16 @@ class Evaluate:
     """Write all thresholds of the results table to this .csv or .parquet file."""
 
     def main(self) -> None:
+        from surefoot.results import Results, check_export
+
         if self.directions < 4 or self.directions % 4:
             raise UserError(f"directions must be a multiple of 4, not {self.directions}")
+        for file in (self.export, self.export_thresholds):
+            if file:
+                check_export(file)
         output = _results_console(self.json)
         figures = evaluate_policy(self.policy, self.directions, self.results, output, self.export_thresholds)
         if self.export:
-            from surefoot.results import Results
-
             with Results(self.results) as results:
                 results.export("trials", self.export)
         if self.json:
@@ -146,7 +149,7 @@ class Demo:
 
     minutes: float = 3.0
     """Time for learning."""
-    algorithm: str = "ddpg"
+    algorithm: str = "trpo"
     """trpo, ppo or ddpg."""
     out: Path = Path("runs/demo")
     """Folder for the run, its results and its pictures."""

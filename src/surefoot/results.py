@@ -55,6 +55,7 @@ CREATE TABLE IF NOT EXISTS thresholds (
     UNIQUE (policy, setup, body, angle_rad, duration_s, without_step)
 );
 """
+EXPORT_SUFFIXES = (".csv", ".parquet")
 _EXPORTS = {
     "policies": "SELECT * FROM policies",
     "trials": "SELECT name, trials.* FROM trials JOIN policies USING (policy) ORDER BY name, id",
@@ -125,22 +126,23 @@ class Results:
         """Write one table to a .csv or .parquet file.
 
         Raises:
-            UserError: unknown table or suffix.
+            UserError: unknown table or suffix, or the file cannot be written.
         """
         import pyarrow
         import pyarrow.csv
         import pyarrow.parquet
 
-        writers = {".csv": pyarrow.csv.write_csv, ".parquet": pyarrow.parquet.write_table}
-        suffix = Path(path).suffix
         if table not in _EXPORTS:
             raise UserError(f"unknown table '{table}'; valid: {', '.join(_EXPORTS)}")
-        if suffix not in writers:
-            raise UserError(f"unknown format '{suffix}' of {path}; valid: {', '.join(writers)}")
+        check_export(path)
+        write = pyarrow.csv.write_csv if Path(path).suffix == ".csv" else pyarrow.parquet.write_table
         cursor = self._db.execute(_EXPORTS[table])
         names = [column[0] for column in cursor.description]
         rows = [dict(zip(names, row, strict=True)) for row in cursor]
-        writers[suffix](pyarrow.Table.from_pylist(rows), str(path))
+        try:
+            write(pyarrow.Table.from_pylist(rows), str(path))
+        except OSError as error:
+            raise UserError(f"cannot write {path}: {error}") from error
 
 
 class TrialStore:
@@ -173,6 +175,13 @@ class TrialStore:
         if time.monotonic() - self._committed > COMMIT_S:
             self._db.commit()
             self._committed = time.monotonic()
+
+
+def check_export(path: str | Path) -> None:
+    """Raises UserError: the suffix names no format to export to."""
+    suffix = Path(path).suffix
+    if suffix not in EXPORT_SUFFIXES:
+        raise UserError(f"unknown format '{suffix}' of {path}; valid: {', '.join(EXPORT_SUFFIXES)}")
 
 
 def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:

@@ -39,7 +39,7 @@ class TrainConfig:
         env: the task.
     """
 
-    algorithm: str = "ddpg"
+    algorithm: str = "trpo"
     preset: str = "fast"
     seed: int = 0
     minutes: float = 15.0
