@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from surefoot.errors import UserError
 from surefoot.policy import NominalPolicy
 from surefoot.robot import Robot
 from surefoot.simulation import Ticks
-from surefoot.trials import Outcome, Trial, run_list, run_trials
+from surefoot.trials import Outcome, Trial, TrialSource, run_list, run_trials
 
 FORWARD, LEFT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 Motion = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -323,7 +324,7 @@ def test_a_restless_policy_is_not_let_off_early(robot: Robot) -> None:
     assert outcome.seconds >= 10.0
 
 
-class Queue:
+class Queue(TrialSource):
     """A source that notes who asks and reports when."""
 
     def __init__(self, trials: list[Trial]):
@@ -352,6 +353,25 @@ def test_a_finished_slot_takes_the_next_trial_at_once(robot: Robot) -> None:
     assert busy[:150] == [2] * 150
     assert busy[-20:] == [1] * 20
     assert len(busy) == pytest.approx(11 * 25, abs=2)
+
+
+def test_a_trial_that_is_not_wanted_any_more_is_dropped_unreported(robot: Robot) -> None:
+    class NoneAfterTheFirst(Queue):
+        dropped: ClassVar[list[int]] = []
+
+        def wants(self, trial: Trial) -> bool:
+            return False
+
+        def drop(self, trial: Trial) -> None:
+            self.dropped.append(trial.seed)
+
+    # The first falls within 3 s, the second would stand for 10.
+    queue = NoneAfterTheFirst([pushed(400.0, 0), pushed(0.0, 1)])
+    num_steps = []
+    run_trials(NominalPolicy(robot, "straight"), queue, 2, 1, on_step=lambda *_: num_steps.append(1))
+    assert queue.dropped == [1]
+    assert [seed for what, seed in queue.log if what == "end"] == [0]
+    assert len(num_steps) < 4 * 25
 
 
 def test_a_source_may_have_no_work_until_an_outcome_is_reported(robot: Robot) -> None:

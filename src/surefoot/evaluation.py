@@ -16,7 +16,7 @@ import numpy as np
 
 from surefoot.disturbance import PUSH_DURATION, Push
 from surefoot.policy import Policy
-from surefoot.trials import NUM_SLOTS, Outcome, Trial, run_trials
+from surefoot.trials import NUM_SLOTS, Outcome, Trial, TrialSource, run_trials
 
 GRID = 6.0
 """Step of the impulse grid [Ns]: the paper's 50 N for 0.12 s."""
@@ -127,13 +127,14 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
     return max(0.0, float((center - spread) / scale)), min(1.0, float((center + spread) / scale))
 
 
-class _Search:
+class _Search(TrialSource):
     """Hands out the trials of all lines in turn, and known outcomes without running them."""
 
     def __init__(
         self, lines: Sequence[Line], store: Store | None, on_progress: Callable[[int, list[float]], None] | None
     ):
-        self.climbs = [_Climb(line) for line in lines]
+        self._recall = store.get if store else lambda trial: None
+        self.climbs = [_Climb(line, self._recall) for line in lines]
         self._store = store
         self._on_progress = on_progress
         self._num_done = 0
@@ -153,7 +154,7 @@ class _Search:
             if trial in self._running:  # two lines may ask for the same trial, with and without stepping
                 self._running[trial].append(climb)
                 continue
-            known = self._store.get(trial) if self._store else None
+            known = self._recall(trial)
             if known is None:
                 self._running[trial] = [climb]
                 return trial
@@ -168,21 +169,41 @@ class _Search:
         if self._on_progress:
             self._on_progress(self._num_done, [climb.reached for climb in self.climbs])
 
+    def wants(self, trial: Trial) -> bool:
+        return any(climb.wants(trial) for climb in self._running[trial])
+
+    def drop(self, trial: Trial) -> None:
+        for climb in self._running.pop(trial):
+            climb.waiting -= 1
+
 
 class _Climb:
-    """The search along one line: climb the grid until cells give way, then descend to the first that holds."""
+    """The search along one line: climb the grid until cells give way, then descend to the first that holds.
 
-    def __init__(self, line: Line):
+    Args:
+        recall: the outcome of a trial that was run before, or None. What is known is taken in before anything is
+            asked for, so that a repeated search asks for nothing that the first one could leave out.
+    """
+
+    def __init__(self, line: Line, recall: Callable[[Trial], Outcome | None]):
         self.line = line
+        self._recall = recall
         self.top = int(MAX_IMPULSE / GRID)
         """The highest cell that may still hold: every smaller one is to be sampled, none of them gives way."""
         self.gave_way = False
         self.sampled: dict[int, list[bool]] = {}
         self.whole: dict[int, list[bool]] = {}
         self.waiting = 0
-        self._to_sample = deque((cell, seed) for cell in range(1, self.top) for seed in range(NUM_SAMPLED))
+        self._to_sample: deque[tuple[int, int]] = deque()
         self._to_judge: deque[int] = deque()
         self._candidate: int | None = None
+        for cell in range(1, self.top):
+            for seed in range(NUM_SAMPLED):
+                known = recall(line.trial(cell, seed, whole=False))
+                if known is None:
+                    self._to_sample.append((cell, seed))
+                else:
+                    self._add_sample(cell, line.succeeded(known))
 
     @property
     def reached(self) -> float:
@@ -209,11 +230,26 @@ class _Climb:
         return None
 
     def _next_whole(self) -> Trial | None:
-        assert self._candidate is not None
-        if self._candidate not in self.whole:
-            self.whole[self._candidate] = []
-            self._to_judge.extend(range(NUM_WHOLE))
-        return self.line.trial(self._candidate, self._to_judge.popleft(), whole=True) if self._to_judge else None
+        while self._candidate and self._candidate not in self.whole:
+            self._begin_candidate(self._candidate)
+        if not self._candidate or not self._to_judge:
+            return None
+        return self.line.trial(self._candidate, self._to_judge.popleft(), whole=True)
+
+    def _begin_candidate(self, cell: int) -> None:
+        self.whole[cell] = []
+        for seed in range(NUM_WHOLE):
+            known = self._recall(self.line.trial(cell, seed, whole=True))
+            if known is None:
+                self._to_judge.append(seed)
+            else:
+                self.whole[cell].append(self.line.succeeded(known))
+        self._judge(cell)
+
+    def wants(self, trial: Trial) -> bool:
+        """Not the trials of a candidate that was left, nor those above where cells give way."""
+        cell = round(trial.push.impulse / GRID)
+        return cell == self._candidate if trial.whole else cell < self.top
 
     def report(self, trial: Trial, outcome: Outcome) -> None:
         self.waiting -= 1
@@ -223,9 +259,12 @@ class _Climb:
             self.whole[cell].append(succeeded)
             self._judge(cell)
         else:
-            self.sampled.setdefault(cell, []).append(succeeded)
-            if not succeeded:
-                self._look_for_gap(cell)
+            self._add_sample(cell, succeeded)
+
+    def _add_sample(self, cell: int, succeeded: bool) -> None:
+        self.sampled.setdefault(cell, []).append(succeeded)
+        if not succeeded:
+            self._look_for_gap(cell)
 
     def _look_for_gap(self, cell: int) -> None:
         """Lower `top` if four neighbouring cells about `cell` give way, which bars every impulse above them."""

@@ -5,9 +5,9 @@ The batch never waits for its slowest robot: a finished robot's place is taken b
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -28,7 +28,7 @@ MAX_COM_SPEED = 0.15
 MAX_TILT_DEG = 20.0
 """Largest angle of pelvis and torso from upright in that part."""
 QUIET_S = 2.0
-"""A trial that is not `whole` has recovered once it has been quiet for so long."""
+"""A trial that is not `whole` has recovered once it has been upright and slow, as at the end of one, for so long."""
 JOINT_NOISE = 0.02
 """Start angles differ by up to this [rad]."""
 STEP_LENGTH = 0.03
@@ -77,16 +77,26 @@ class Outcome:
         return self.recovered and self.foot_shift <= STEP_LENGTH
 
 
-class TrialSource(Protocol):
+class TrialSource(ABC):
     """Where `run_trials` gets its work from; it may depend on what came out so far."""
 
+    @abstractmethod
     def next(self) -> Trial | None:
         """The next trial, or None if there is none until another is reported."""
 
-    def report(self, trial: Trial, outcome: Outcome) -> None: ...
+    @abstractmethod
+    def report(self, trial: Trial, outcome: Outcome) -> None:
+        """A trial has ended."""
+
+    def wants(self, trial: Trial) -> bool:
+        """Is a running trial's outcome still of interest?"""
+        return True
+
+    def drop(self, trial: Trial) -> None:  # noqa: B027 nothing to do is a fair answer
+        """A trial that is not wanted any more was stopped; it will not be reported."""
 
 
-class _List:
+class _List(TrialSource):
     def __init__(self, trials: Iterable[Trial]):
         self._todo = iter(trials)
         self.outcomes: dict[Trial, Outcome] = {}
@@ -127,8 +137,11 @@ def run_trials(
         ticks = arena.step(running)
         if on_step:
             on_step(running, ticks)
-        for slot, outcome in arena.judge(running, ticks):
+        ended = arena.judge(running, ticks)
+        for slot, outcome in ended:
             source.report(arena.finish(slot), outcome)
+        if ended:
+            arena.drop_unwanted(source)
 
 
 class _Arena:
@@ -146,7 +159,8 @@ class _Arena:
         self.whole = np.zeros(num_slots, bool)
         self.speed_sum = np.zeros(num_slots)
         self.tilted = np.zeros(num_slots, bool)
-        self.quiet_steps = np.zeros(num_slots, np.int64)
+        self.recent_speed = np.zeros((num_slots, round(QUIET_S * POLICY_HZ)))
+        self.upright_steps = np.zeros(num_slots, np.int64)
         self.foot_place = np.zeros((num_slots, 2, 2))
         self.foot_shift = np.zeros(num_slots)
         self.torque_ratio = np.zeros(num_slots)
@@ -172,6 +186,11 @@ class _Arena:
         assert trial is not None
         return trial
 
+    def drop_unwanted(self, source: TrialSource) -> None:
+        for slot, trial in enumerate(self.trial):
+            if trial and not source.wants(trial):
+                source.drop(self.finish(slot))
+
     def _begin(self, slots: np.ndarray) -> None:
         trials = [trial for slot in slots if (trial := self.trial[slot])]
         rngs = [np.random.default_rng(trial.seed) for trial in trials]
@@ -193,7 +212,7 @@ class _Arena:
         for seen in (
             self.speed_sum,
             self.tilted,
-            self.quiet_steps,
+            self.upright_steps,
             self.foot_shift,
             self.torque_ratio,
             self.speed_ratio,
@@ -209,7 +228,7 @@ class _Arena:
         self._watch(slots, ticks, tick)
         fell = np.asarray((ticks.non_foot_contact & (tick < self.end[slots, None])).any(axis=1))
         diverged = self.loop.simulation.diverged[slots]
-        quiet: np.ndarray = ~self.whole[slots] & (self.quiet_steps[slots] >= QUIET_S * POLICY_HZ)
+        quiet: np.ndarray = ~self.whole[slots] & self._is_quiet(slots)
         over = np.asarray(tick[:, -1] + 1 >= self.end[slots])
         ended = np.flatnonzero(fell | diverged | quiet | over)
         return [(int(slots[i]), self._verdict(slots[i], fell[i], diverged[i], over[i], tick[i, -1])) for i in ended]
@@ -221,8 +240,9 @@ class _Arena:
         self.speed_sum[slots] += (speed * judged).sum(axis=1)
         self.tilted[slots] |= (~upright & judged).any(axis=1)
         over = tick[:, 0] >= self.loop.pushes.end[slots]
-        quiet = over & upright.all(axis=1) & (speed.mean(axis=1) < MAX_COM_SPEED)
-        self.quiet_steps[slots] = np.where(quiet, self.quiet_steps[slots] + 1, 0)
+        self.upright_steps[slots] = np.where(over & upright.all(axis=1), self.upright_steps[slots] + 1, 0)
+        step = self.loop.tick[slots] // TICKS_PER_STEP
+        self.recent_speed[slots, step % self.recent_speed.shape[1]] = speed.mean(axis=1)
         before = tick[:, -1] < self.start[slots]
         soles = ticks.sole_position[..., :2]
         self.foot_place[slots] = np.where(before[:, None, None], soles[:, -1], self.foot_place[slots])
@@ -232,6 +252,11 @@ class _Arena:
         velocity = (np.abs(ticks.joint_velocity) / self.robot.velocity_limit).max(axis=(1, 2))
         self.torque_ratio[slots] = np.maximum(self.torque_ratio[slots], torque)
         self.speed_ratio[slots] = np.maximum(self.speed_ratio[slots], velocity)
+
+    def _is_quiet(self, slots: np.ndarray) -> np.ndarray:
+        """Since the push's end, upright for `QUIET_S`, and over that time as slow on average as a recovered robot."""
+        speed = self.recent_speed[slots]
+        return (self.upright_steps[slots] >= speed.shape[1]) & (speed.mean(axis=1) < MAX_COM_SPEED)
 
     def _verdict(self, slot: int, fell: bool, diverged: bool, over: bool, tick: int) -> Outcome:
         com_speed = self.speed_sum[slot] / (JUDGED_S * CONTROL_HZ) if over else np.nan

@@ -21,7 +21,7 @@ from surefoot.policy import Policy
 from surefoot.robot import Robot, load_robot
 from surefoot.scene import LEGEND, Moment, Scene
 from surefoot.simulation import CONTROL_DT, CONTROL_HZ, Ticks
-from surefoot.trials import Outcome, Trial, run_trials
+from surefoot.trials import Outcome, Trial, TrialSource, run_trials
 
 PICTURE_SUFFIXES = (".png", ".jpg")
 VIDEO_SUFFIXES = (".mp4", ".gif")
@@ -77,7 +77,7 @@ def record(policy: Policy, trial: Trial, fps: int = 50) -> Recording:
     )
 
 
-class _Recorder:
+class _Recorder(TrialSource):
     """The source of a single trial, and the one who watches it."""
 
     outcome: Outcome
