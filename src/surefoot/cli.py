@@ -234,6 +234,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "table": Table,
     "bench": Bench,
     "demo": Demo,
+    "pictures": Pictures,
 }
 
 
