@@ -30,7 +30,7 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
     angles = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False).tolist()
     bound = list(zip(angles, tables.capture_point_bound(robot, "straight", angles), strict=True))
     points = {name: [(t.line.angle, t.impulse) for t in thresholds] for name, thresholds in policies.items()}
-    plots.polar_map(points, bound, polar, title="Rejected impulse [Ns] at the pelvis, by direction of the push")
+    plots.polar_map(points, bound, polar, title="Rejected impulse at the pelvis")
     return [bars, polar]
 
 
