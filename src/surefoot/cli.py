@@ -56,6 +56,7 @@ class Train:
             config, folder = RunFolder(self.resume).config(), self.resume
             config = with_budget(config, self.minutes, self.steps, config.seed)
         console.print(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
+        console.print("the bar ends with the impulses about rejected now: forward/left/backward/right")
         try:
             with _training_bar() as show:
                 train(config, folder, self.resume is not None, show)
@@ -260,20 +261,19 @@ def _needs_torch() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _training_bar() -> Iterator:
-    """A bar with share of the budget, time left, steps/s, episode length, and what the last probe rejected."""
-    columns = (SpinnerColumn(), BarColumn(), TextColumn("{task.percentage:3.0f}%"), TextColumn("{task.fields[says]}"))
+    """A bar with time left, steps/s, episode length, and what the last probe rejected; it fits into 80 columns."""
+    columns = (SpinnerColumn(), BarColumn(bar_width=12), TextColumn("{task.fields[says]}"))
     with Progress(*columns, console=console) as bar:
         task = bar.add_task("train", total=1.0, says="starting")
 
         def show(progress) -> None:
             left = progress.seconds * (1.0 - progress.share) / max(progress.share, 1e-9)
             says = (
-                f"{_clock(left)} left, {progress.steps:,} steps, {progress.steps_per_s:,.0f}/s, "
+                f"{_clock(left)} left, {progress.steps / 1000:,.0f}k steps, {progress.steps_per_s:,.0f}/s, "
                 f"episode {progress.episode_length / 25:.1f} s"
             )
             if progress.probe:
-                rejected = " ".join(f"{impulse:.0f}" for impulse in progress.probe.main_directions().values())
-                says += f", rejects about {rejected} Ns (F L B R)"
+                says += f", {'/'.join(f'{ns:.0f}' for ns in progress.probe.main_directions().values())} Ns"
             bar.update(task, completed=progress.share, says=says)
 
         yield show
