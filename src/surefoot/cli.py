@@ -29,7 +29,8 @@ class Train:
     algorithm: str = "trpo"
     """trpo, ppo or ddpg."""
     preset: str = "fast"
-    """fast (minutes on a laptop) or paper (the paper's hyperparameters, pose and pushes)."""
+    """fast (a quarter of an hour on a laptop), gentle (a few minutes, smaller pushes) or paper (the paper's
+    hyperparameters, pose and pushes)."""
     run: Path | None = None
     """Folder of the run; runs/PRESET-ALGORITHM-SEED without it."""
     minutes: float | None = None
@@ -162,7 +163,7 @@ class Demo:
             # The run of an earlier demo; nothing else is ever removed.
             for file in self.out.iterdir():
                 file.unlink()
-        Train(algorithm=self.algorithm, run=self.out, minutes=self.minutes, seed=self.seed).main()
+        Train(algorithm=self.algorithm, preset="gentle", run=self.out, minutes=self.minutes, seed=self.seed).main()
         evaluate_policy(str(self.out), 4, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
         Pictures(self.out / "thresholds.csv", self.out, str(self.out), self.out).main()
 
