@@ -75,7 +75,7 @@ class ControlLoop:
         Raises:
             UserError: the actions have the wrong shape.
         """
-        ids = self._everyone if ids is None else ids
+        some, ids = ids, self._everyone if ids is None else ids
         if np.shape(actions) != (len(ids), self.robot.num_joints):
             raise UserError(f"actions must have shape {(len(ids), self.robot.num_joints)}, not {np.shape(actions)}")
         goal = self.nominal + self.action_scale * np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
@@ -83,7 +83,7 @@ class ControlLoop:
         path = cubic_path(self._target[ids], goal, TICKS_PER_STEP)
         self._target[ids] = goal
         self.pushes.write(self.simulation.wrench, self.tick)
-        ticks = self.simulation.step(path, ids)
+        ticks = self.simulation.step(path, some)  # without ids no control is copied
         self._filter(observation.observe(ticks), ids)
         self.tick[ids] += TICKS_PER_STEP
         return ticks
