@@ -61,7 +61,7 @@ def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[s
         bare.copy_state(env.loop.simulation)
         spent["env"] += _timed(partial(env.step, actions))
         bare.copy_control(env.loop.simulation)
-        spent["physics"] += _timed(bare.rollout)
+        spent["physics"] += _timed(bare.advance)
         steps += num_envs
     return {
         "bench.physics_steps_per_s": round(steps * TICKS_PER_STEP / spent["physics"]),
@@ -110,7 +110,7 @@ def policy_step(repeats: int = 3000) -> dict[str, float]:
     low_pass = LowPass(1, num_observations, TICKS_PER_STEP, CONTROL_HZ)
     signal = np.random.default_rng(0).standard_normal((1, TICKS_PER_STEP, num_observations))
     robot = np.array([0])
-    times = [_timed(lambda: policy(low_pass(signal), robot)) for _ in range(repeats)]
+    times = [_timed(lambda: policy(low_pass([signal]), robot)) for _ in range(repeats)]
     return {"bench.policy_step_us": round(1e6 * float(np.median(times)), 1)}
 
 

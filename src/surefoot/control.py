@@ -36,16 +36,16 @@ class ControlLoop:
         self.simulation = Simulation(robot, num_robots, num_threads)
         self.pushes = Pushes(robot, num_robots)
         self.tick = np.zeros(num_robots, np.int64)
-        self._everyone = np.arange(num_robots)
         self._target = np.tile(nominal, (num_robots, 1))
-        self._filter = LowPass(num_robots, len(observation.component_names(robot)), TICKS_PER_STEP, CONTROL_HZ)
-        start = self.reset(self._everyone, self._target)
+        self._units = observation.units(robot)
+        self._filter = LowPass(num_robots, len(self._units), TICKS_PER_STEP, CONTROL_HZ)
+        start = self.reset(np.arange(num_robots), self._target)
         self.nominal_com_height = float(start.com_height[0, 0])
 
     @property
     def observation(self) -> np.ndarray:
         """The filtered observation at the end of each robot's last policy step: (num_robots, 47) float64."""
-        return self._filter.output
+        return self._filter.output / self._units
 
     def reset(
         self,
@@ -56,7 +56,7 @@ class ControlLoop:
     ) -> Ticks:
         """Put robots `ids` (n,) upright, at rest and without a push; see `Simulation.reset`."""
         start = self.simulation.reset(ids, joint_position, yaw, height)
-        self._filter.reset(ids, observation.observe(start)[:, 0])
+        self._filter.reset(ids, np.concatenate(observation.quantities(start), axis=-1)[:, 0])
         self._target[ids] = self.nominal
         self.tick[ids] = 0
         self.pushes.cancel(ids)
@@ -75,15 +75,17 @@ class ControlLoop:
         Raises:
             UserError: the actions have the wrong shape.
         """
-        some, ids = ids, self._everyone if ids is None else ids
-        if np.shape(actions) != (len(ids), self.robot.num_joints):
-            raise UserError(f"actions must have shape {(len(ids), self.robot.num_joints)}, not {np.shape(actions)}")
+        everyone = ids is None  # then nothing is copied
+        rows = slice(None) if ids is None else ids
+        num_actions = (len(self.tick[rows]), self.robot.num_joints)
+        if np.shape(actions) != num_actions:
+            raise UserError(f"actions must have shape {num_actions}, not {np.shape(actions)}")
         goal = self.nominal + self.action_scale * np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
         goal = np.clip(goal, self.robot.joint_lower, self.robot.joint_upper)
-        path = cubic_path(self._target[ids], goal, TICKS_PER_STEP)
-        self._target[ids] = goal
+        path = cubic_path(self._target[rows], goal, TICKS_PER_STEP, self.simulation.joint_targets if everyone else None)
+        self._target[rows] = goal
         self.pushes.write(self.simulation.wrench, self.tick)
-        ticks = self.simulation.step(path, some)  # without ids no control is copied
-        self._filter(observation.observe(ticks), ids)
-        self.tick[ids] += TICKS_PER_STEP
+        ticks = self.simulation.step(None if everyone else path, ids)
+        self._filter(observation.quantities(ticks), rows)
+        self.tick[rows] += TICKS_PER_STEP
         return ticks

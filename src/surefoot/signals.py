@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.signal import butter
 
@@ -35,22 +37,31 @@ class LowPass:
         self._input[ids] = signal
         self.output[ids] = signal
 
-    def __call__(self, signal: np.ndarray, ids: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Filter a block (n, block, num_signals) of robots `ids`; returns its last output (n, num_signals)."""
+    def __call__(self, signals: Sequence[np.ndarray], ids: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Filter a block of ticks of robots `ids` (n,).
+
+        Args:
+            signals: the block in parts, (n, block, size) each, `num_signals` in all.
+
+        Returns:
+            The block's last output (n, num_signals).
+        """
         self.output[ids] = (
             self._output_weight * self.output[ids]
             + self._input_weight * self._input[ids]
-            + np.matmul(self._block_weight, signal)
+            + np.concatenate([np.matmul(self._block_weight, part) for part in signals], axis=-1)
         )
-        self._input[ids] = signal[:, -1]
+        self._input[ids] = np.concatenate([part[:, -1] for part in signals], axis=-1)
         return self.output[ids]
 
 
-def cubic_path(start: np.ndarray, end: np.ndarray, num_ticks: int) -> np.ndarray:
+def cubic_path(start: np.ndarray, end: np.ndarray, num_ticks: int, out: np.ndarray | None = None) -> np.ndarray:
     """Targets (n, num_ticks, k) from `start` to `end` (n, k), at rest at both ends; the last tick is `end`.
 
     s(u) = 3 u^2 - 2 u^3 for u = 1/num_ticks .. 1.
     """
     u = np.arange(1, num_ticks + 1) / num_ticks
     share = (u * u * (3.0 - 2.0 * u))[:, None]
-    return start[:, None] + share * (end - start)[:, None]
+    path = np.multiply(share, (end - start)[:, None], out=out)
+    path += start[:, None]
+    return path
