@@ -1,4 +1,4 @@
-"""Signals between policy and joints: the low-pass filter of the observation, the path of the joint targets."""
+"""Signals between policy and joints: low-pass filter, noise and bias of the observation, path and delay of targets."""
 
 from __future__ import annotations
 
@@ -53,6 +53,58 @@ class LowPass:
         )
         self._input[ids] = np.concatenate([part[:, -1] for part in signals], axis=-1)
         return self.output[ids]
+
+
+class Noise:
+    """Gaussian noise of its own for each of `num_robots` robots, so that no robot's depends on who else is there."""
+
+    def __init__(self, num_robots: int):
+        self._std = np.zeros(num_robots)
+        self._generators: list[np.random.Generator | None] = [None] * num_robots
+
+    def reset(self, robot: int, std: float, generator: np.random.Generator) -> None:
+        """Give one robot its standard deviation; 0 for none."""
+        self._std[robot], self._generators[robot] = std, generator if std else None
+
+    def add(self, ids: np.ndarray, signal: np.ndarray) -> np.ndarray:
+        """Signals (n, ...) of robots `ids` (n,) with their noise."""
+        noisy = np.flatnonzero(self._std[ids])
+        if not len(noisy):
+            return signal
+        signal = np.array(signal)
+        for row in noisy:
+            generator = self._generators[ids[row]]
+            assert generator is not None
+            signal[row] += self._std[ids[row]] * generator.standard_normal(signal.shape[1:])
+        return signal
+
+
+class Delay:
+    """Holds back the targets of `num_robots` robots, each by a number of ticks of its own.
+
+    Args:
+        block: ticks per call, and the longest delay.
+        size: numbers per tick.
+    """
+
+    def __init__(self, num_robots: int, block: int, size: int):
+        self._ticks = np.zeros(num_robots, np.int64)
+        self._last = np.zeros((num_robots, block, size))
+
+    def reset(self, robot: int, num_ticks: int, value: np.ndarray) -> None:
+        """Give one robot its delay, and the value (size,) that comes out until the first one arrives."""
+        self._ticks[robot] = num_ticks
+        self._last[robot] = value
+
+    def __call__(self, ids: np.ndarray, signal: np.ndarray) -> np.ndarray:
+        """Delayed signals (n, block, size) of robots `ids` (n,)."""
+        if not self._ticks[ids].any():
+            return signal
+        both = np.concatenate([self._last[ids], signal], axis=1)
+        self._last[ids] = signal
+        num_ticks = signal.shape[1]
+        when = num_ticks + np.arange(num_ticks) - self._ticks[ids, None]
+        return np.take_along_axis(both, when[..., None], axis=1)
 
 
 def cubic_path(start: np.ndarray, end: np.ndarray, num_ticks: int, out: np.ndarray | None = None) -> np.ndarray:

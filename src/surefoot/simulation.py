@@ -14,7 +14,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from surefoot import balance
-from surefoot.robot import Robot
+from surefoot.robot import FLOOR, PLAIN, Robot, World
 
 POLICY_HZ = 25
 CONTROL_HZ = 500
@@ -258,6 +258,10 @@ class Ticks:
 class Simulation:
     """`num_robots` copies of a robot on all cores.
 
+    Args:
+        num_threads: 0 for all cores.
+        world: floor, masses, motors and physics rate.
+
     Attributes:
         wrench: forces and torques on every body over the next policy step, (num_robots, TICKS_PER_STEP, num_bodies,
             6), world frame at the body's CoM [N, Nm]; the caller writes and clears it.
@@ -267,10 +271,12 @@ class Simulation:
         num_diverged: how many have, ever.
     """
 
-    def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0):
+    def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0, world: World = PLAIN):
         self.robot = robot
         self.num_robots = num_robots
-        self.model = robot.model()
+        self.model = robot.model(world)
+        self._num_substeps = round(world.physics_hz / CONTROL_HZ)
+        self._floor_normal = _z_axis(self.model.geom(FLOOR).quat)
         self.batch = Batch(self.model, num_robots, nthread=num_threads)
         self.layout = sensor_layout(self.model)
         self._qpos = self.batch.bind("qpos")
@@ -292,13 +298,16 @@ class Simulation:
         joint_position: np.ndarray,
         yaw: np.ndarray | float = 0.0,
         height: np.ndarray | float = 0.0,
+        roll: np.ndarray | float = 0.0,
+        pitch: np.ndarray | float = 0.0,
     ) -> Ticks:
-        """Stand robots `ids` (n,) upright and at rest, lowest sole corner `height` [m] above the floor.
+        """Stand robots `ids` (n,) at rest, lowest sole corner `height` [m] above the floor.
 
         Args:
             joint_position: (n, num_joints) [rad].
             yaw: heading [rad], scalar or (n,).
             height: of the lowest corner of the soles [m], scalar or (n,).
+            roll, pitch: of the pelvis [rad], scalar or (n,); upright without them.
 
         Returns:
             One tick of each: the state they start from.
@@ -306,12 +315,12 @@ class Simulation:
         self._warnings[ids] = 0  # as MuJoCo does
         self.batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self._qpos[ids, 7:] = joint_position
-        self._qpos[ids, 3] = np.cos(0.5 * np.asarray(yaw))
-        self._qpos[ids, 6] = np.sin(0.5 * np.asarray(yaw))
+        self._qpos[ids, 3:7] = _quaternion(roll, pitch, yaw)
         self.batch.forward(ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
         soles = self.read(ids)
         corners = sole_corners(soles.sole_position, soles.foot_orientation, self.robot.sole_half_size)
-        self._qpos[ids, 2] += height - _TOUCH - corners[..., 2].min(axis=(1, 2, 3))
+        clearance = (corners @ self._floor_normal / self._floor_normal[2]).min(axis=(1, 2, 3))
+        self._qpos[ids, 2] += height - _TOUCH - clearance
         self.batch.forward(ids)
         return self.read(ids)
 
@@ -338,9 +347,17 @@ class Simulation:
         """The bare physics of a step under the present controls: the record (n, TICKS_PER_STEP, num_sensor_values)."""
         control = self._control if ids is None else self._control[ids]
         record = self._record if ids is None else self._record[: len(ids)]
+        if self._num_substeps > 1:
+            return self._advance_finely(control, record, ids)
         self.batch.rollout(
             TICKS_PER_STEP, control, _CONTROL_SPEC, record=["sensordata"], ids=ids, out={"sensordata": record}
         )
+        return record
+
+    def _advance_finely(self, control: np.ndarray, record: np.ndarray, ids: np.ndarray | None) -> np.ndarray:
+        fine = np.repeat(control, self._num_substeps, axis=1)
+        all_substeps = self.batch.rollout(fine.shape[1], fine, _CONTROL_SPEC, record=["sensordata"], ids=ids)
+        record[:] = all_substeps["sensordata"][:, :: self._num_substeps]
         return record
 
     def _find_diverged(self, record: np.ndarray, ids: np.ndarray | None) -> None:
@@ -395,6 +412,26 @@ def roll_pitch(quaternion: np.ndarray) -> np.ndarray:
     sine = 2.0 * (w * y - z * x)
     np.arcsin(np.minimum(np.maximum(sine, -1.0), 1.0), out=angles[1, ...])
     return angles
+
+
+def _quaternion(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
+    """Unit quaternions (..., 4) of Z-Y-X Euler angles [rad]."""
+    roll, pitch, yaw = np.broadcast_arrays(roll, pitch, yaw)
+    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(0.5 * angle), np.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def _z_axis(quaternion: np.ndarray) -> np.ndarray:
+    w, x, y, z = quaternion
+    return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])
 
 
 def uprightness(quaternion: np.ndarray) -> np.ndarray:

@@ -35,6 +35,7 @@ class TrainConfig:
         final_learning_rate: share of the learning rate left at the end; it falls linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
         noise: standard deviation of the calmest and the boldest robot's exploration (DDPG).
+        noise_correlation: of that exploration from one policy step to the next.
         mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
         env: the task.
     """
@@ -51,6 +52,7 @@ class TrainConfig:
     final_learning_rate: float = 1.0
     log_std: float = 0.0
     noise: tuple[float, float] = (0.1, 0.1)
+    noise_correlation: float = 0.0
     mirror: bool = False
     env: EnvConfig = field(default_factory=EnvConfig)
 

@@ -206,24 +206,30 @@ class WarmDDPG(DDPG):
         return super()._sample_action(0, *args, **kwargs)
 
 
-class GaussianNoise(VectorizedActionNoise):
-    """Gaussian exploration noise for a whole batch of robots at once, from calm to bold.
+class ExplorationNoise(VectorizedActionNoise):
+    """Exploration noise for a whole batch of robots at once, from calm to bold, correlated in time.
+
+    An Ornstein-Uhlenbeck process, as in Lillicrap et al. 2016: white noise at 25 Hz mostly shakes the joints.
 
     Args:
         shape: (num_robots, num_joints).
-        std: of the calmest and of the boldest robot; the others lie evenly between them on a logarithmic scale, so
-            that the replay buffer holds both fine standing and wild recoveries.
+        std: stationary, of the calmest and of the boldest robot; the others lie evenly between them on a logarithmic
+            scale, so that the replay buffer holds both fine standing and wild recoveries.
+        correlation: of one policy step with the next; 0 for white noise.
     """
 
-    def __init__(self, shape: tuple[int, int], std: tuple[float, float], rng: np.random.Generator):
-        self.shape, self.rng = shape, rng
+    def __init__(self, shape: tuple[int, int], std: tuple[float, float], correlation: float, rng: np.random.Generator):
+        self.shape, self.rng, self.correlation = shape, rng, correlation
         self.std = np.geomspace(*std, shape[0])[:, None]
+        self._noise = self.std * rng.standard_normal(shape)
 
     def __call__(self) -> np.ndarray:
-        return (self.std * self.rng.standard_normal(self.shape)).astype(np.float32)
+        fresh = self.std * self.rng.standard_normal(self.shape)
+        self._noise = self.correlation * self._noise + np.sqrt(1.0 - self.correlation**2) * fresh
+        return self._noise.astype(np.float32)
 
     def reset(self, indices: Any = None) -> None:
-        """White noise has no memory."""
+        """The process goes on across episodes: it is stationary."""
 
 
 class MirroredReplayBuffer(NStepReplayBuffer):

@@ -29,7 +29,7 @@ from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.sb3 import (
     ALGORITHMS,
     DeterministicPolicy,
-    GaussianNoise,
+    ExplorationNoise,
     GaussianPolicy,
     MirroredReplayBuffer,
     SB3VecEnv,
@@ -213,7 +213,9 @@ def make_model(
             hyper["replay_buffer_class"] = MirroredReplayBuffer
             n_step_return = {"n_steps": hyper.pop("n_steps", 1), "gamma": hyper["gamma"]}
             hyper["replay_buffer_kwargs"] = {"mirrors": mirrors, **n_step_return}
-        hyper["action_noise"] = GaussianNoise((config.num_envs, robot.num_joints), config.noise, rng)
+        hyper["action_noise"] = ExplorationNoise(
+            (config.num_envs, robot.num_joints), config.noise, config.noise_correlation, rng
+        )
         return ALGORITHMS["ddpg"](DeterministicPolicy, venv, policy_kwargs=networks, **hyper, **common)
     networks = {"net_arch": {"pi": list(config.actor), "vf": list(config.critic)}, "log_std_init": config.log_std}
     networks["mirrors"] = mirrors
