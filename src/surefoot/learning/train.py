@@ -183,6 +183,8 @@ class Trainer:
             "steps": self.progress.steps,
             "recovered": found.recovered,
             "fell": found.fell,
+            "calm": found.calm,
+            "calm_power": found.power,
             **found.main_directions(),
             "episode_length": self.progress.episode_length,
             "episode_return": float(np.mean(returns)) if returns else 0.0,
