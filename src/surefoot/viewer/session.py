@@ -1,0 +1,207 @@
+"""Session: robots that live on while somebody pushes, drags, drops and resets them. Knows nothing of any page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.control import ControlLoop
+from surefoot.disturbance import PUSH_DURATION, Push
+from surefoot.errors import UserError
+from surefoot.policy import Policy
+from surefoot.robot import load_robot
+from surefoot.signals import LowPass
+from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Ticks
+from surefoot.trials import JOINT_NOISE
+from surefoot.viewer.verdict import State, Verdicts
+
+MAX_ROBOTS = 64
+LIFT = Push("pelvis", (0.0, 0.0, 1.0), impulse=500.0)
+"""The paper lifts the robot by 500 Ns, then pushes it in the air (section V)."""
+AIRBORNE_S = 0.2
+"""From the end of the lift to the push [s]: the robot is in the air then."""
+OBSERVATION_NOISE, ACTION_NOISE = 0.5, 0.1
+"""Standard deviations of the paper's noise: on the observation at 500 Hz, before its filter, and on the action."""
+DOWN_S = 2.0
+"""A fallen robot that stands up again by itself does so after that time [s]."""
+FRICTION = 1.0
+
+
+@dataclass(frozen=True)
+class _Queued:
+    """A push that begins at a tick since a robot's reset."""
+
+    robot: int
+    tick: int
+    push: Push
+
+
+class Session:
+    """N robots under one policy, one policy step at a time.
+
+    Args:
+        policy: what moves them.
+        num_robots: 1 to `MAX_ROBOTS`.
+        seed: of start angles and noise.
+
+    Attributes:
+        verdicts: states and counts.
+        noise: share of the paper's noise on observation and action.
+        friction: of floor and robot, sliding.
+        stands_up: do fallen robots stand up again after `DOWN_S`?
+        message: what went wrong last, for the user; the reader empties it.
+
+    Raises:
+        UserError: another number of robots.
+    """
+
+    def __init__(self, policy: Policy, num_robots: int = 1, seed: int = 0, num_threads: int = 0):
+        if not 1 <= num_robots <= MAX_ROBOTS:
+            raise UserError(f"the number of robots must be 1 to {MAX_ROBOTS}, not {num_robots}")
+        contract = policy.contract
+        self.policy = policy
+        self.robot = load_robot(contract.robot)
+        self.num_robots = num_robots
+        self.loop = ControlLoop(
+            self.robot, num_robots, np.array(contract.nominal_pose), contract.action_scale, num_threads
+        )
+        self.verdicts = Verdicts(num_robots)
+        self.noise = 0.0
+        self.friction = FRICTION
+        self.stands_up = True
+        self.message = ""
+        self.everyone = np.arange(num_robots)
+        self._rng = np.random.default_rng(seed)
+        self._noise_filter = LowPass(num_robots, self.loop.observation.shape[1], TICKS_PER_STEP, CONTROL_HZ)
+        self._geom_friction: np.ndarray | None = None
+        self._queue: list[_Queued] = []
+        self._pulls: dict[int, tuple[int, np.ndarray]] = {}
+        self.ticks = self.reset()
+
+    # What a user does.
+
+    def reset(self, ids: np.ndarray | None = None, height: float = 0.0) -> Ticks:
+        """Put robots `ids` (all without it) back to their place, `height` [m] above the floor; returns one tick."""
+        ids = self.everyone if ids is None else ids
+        noise = self._rng.uniform(-JOINT_NOISE, JOINT_NOISE, (len(ids), self.robot.num_joints))
+        joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
+        start = self.loop.reset(ids, joints, height=height)
+        self.policy.reset(ids)
+        self._noise_filter.reset(ids, np.zeros((len(ids), self.loop.observation.shape[1])))
+        self.verdicts.reset(ids)
+        self._queue = [queued for queued in self._queue if queued.robot not in ids]
+        for robot in ids:
+            self._pulls.pop(int(robot), None)
+        return start
+
+    def push(self, push: Push, ids: np.ndarray | None = None) -> None:
+        """Push robots `ids` (all without it) `push.start` seconds from now; replaces what pushes them then."""
+        self.robot.body_id(push.body)  # an unknown one is refused here
+        ids = self.everyone if ids is None else ids
+        ticks = self.loop.tick[ids] + round(push.start * CONTROL_HZ)
+        self._queue += [_Queued(int(robot), int(tick), push) for robot, tick in zip(ids, ticks, strict=True)]
+        self.verdicts.disturb(ids, ticks + round(push.duration * CONTROL_HZ))
+
+    def lift_and_push(self, push: Push, lift: Push = LIFT) -> None:
+        """Lift all robots off the ground, and push them while they are in the air."""
+        self.push(lift)
+        after = lift.start + lift.duration + AIRBORNE_S
+        self.push(Push(push.body, push.direction, push.impulse, after, push.duration))
+
+    def drop(self, height: float) -> None:
+        """Let all robots fall from `height` [m] above the floor."""
+        self.reset(height=height)
+        self.verdicts.disturb(self.everyone, self.loop.tick.copy())
+
+    def pull(self, robot: int, body: int, force: np.ndarray) -> None:
+        """Hold a body (MuJoCo id) of one robot by a force (3,) [N] at its CoM until `release`."""
+        self._pulls[robot] = body, np.asarray(force, float)
+
+    def release(self, robot: int) -> None:
+        """Let go of a robot."""
+        self._pulls.pop(robot, None)
+
+    def set_policy(self, policy: Policy) -> None:
+        """Go on with another policy for the same robot, in the middle of whatever is happening.
+
+        Raises:
+            UserError: it is for another robot.
+        """
+        if policy.contract.robot != self.robot.name:
+            raise UserError(f"{policy.name} is for {policy.contract.robot}, not {self.robot.name}")
+        self.policy = policy
+        self.loop.nominal = np.array(policy.contract.nominal_pose)
+        self.loop.action_scale = policy.contract.action_scale
+        policy.reset(self.everyone)
+        self.verdicts.clear_counts()
+
+    def set_friction(self, friction: float) -> None:
+        """Sliding friction coefficient between every two bodies."""
+        if self._geom_friction is None:
+            self._geom_friction = self.loop.simulation.batch.expand("geom_friction")
+        self.friction = friction
+        self._geom_friction[..., 0] = friction
+
+    # What time does.
+
+    def step(self) -> Ticks:
+        """One policy step of all robots: their ticks, in a buffer that the next step overwrites."""
+        self._begin_pushes()
+        actions = self._act()
+        self.ticks = self.loop.step(actions)
+        diverged = self.loop.simulation.diverged
+        self.verdicts.update(self.ticks, self.loop.tick, diverged)
+        if diverged.any():
+            self.message = f"the simulation of {int(diverged.sum())} robots became unstable; they start anew"
+            self.reset(np.flatnonzero(diverged))
+        elif self.stands_up:
+            down = (self.verdicts.state == State.FELL) & (self.verdicts.since > DOWN_S)
+            if down.any():
+                self.reset(np.flatnonzero(down))
+        return self.ticks
+
+    def force(self, tick: int) -> np.ndarray:
+        """What pushes each robot at a tick of the last step: (num_robots, 3) [N]; zero without a push."""
+        wrench = self.loop.simulation.wrench[:, min(tick, TICKS_PER_STEP - 1), :, :3]
+        return wrench.sum(axis=1)
+
+    def pushed_body(self) -> np.ndarray:
+        """MuJoCo ids (num_robots,) of the bodies that `force` acts on."""
+        return self.loop.pushes.body
+
+    def _begin_pushes(self) -> None:
+        now = self.loop.tick
+        for queued in [q for q in self._queue if q.tick < now[q.robot] + TICKS_PER_STEP]:
+            self._queue.remove(queued)
+            body, impulse = self.robot.body_id(queued.push.body), queued.push.impulse * np.array(queued.push.direction)
+            self._schedule(queued.robot, body, impulse, queued.tick, queued.push.duration)
+        for robot, (body, force) in self._pulls.items():
+            duration = TICKS_PER_STEP / CONTROL_HZ
+            self._schedule(robot, body, force * duration, int(now[robot]), duration)
+            self.verdicts.disturb(np.array([robot]), now[[robot]] + TICKS_PER_STEP)
+
+    def _schedule(self, robot: int, body: int, impulse: np.ndarray, tick: int, duration: float) -> None:
+        self.loop.pushes.schedule(np.array([robot]), np.array([body]), impulse, np.array([tick]), duration)
+
+    def _act(self) -> np.ndarray:
+        observations = self.loop.observation
+        if self.noise > 0.0:
+            # The filter is linear: noise that went through it is what noise before it comes to.
+            sigma = self.noise * OBSERVATION_NOISE
+            noise = self._rng.normal(0.0, sigma, (self.num_robots, TICKS_PER_STEP, observations.shape[1]))
+            observations = observations + self._noise_filter(noise)
+        actions = np.asarray(self.policy(observations, self.everyone), float)
+        if not np.isfinite(actions).all():
+            self.message = f"policy {self.policy.name} returned numbers that are not finite; its nominal pose holds"
+            actions = np.where(np.isfinite(actions), actions, 0.0)
+        if self.noise > 0.0:
+            actions = actions + self._rng.normal(0.0, self.noise * ACTION_NOISE, actions.shape)
+        return actions
+
+
+def horizontal_push(body: str, angle_deg: float, impulse: float, duration: float = PUSH_DURATION) -> Push:
+    """A horizontal push; angle from forward (+x), counter-clockwise [deg]."""
+    angle = np.radians(angle_deg)
+    return Push(body, (float(np.cos(angle)), float(np.sin(angle)), 0.0), impulse, 0.0, duration)
+
