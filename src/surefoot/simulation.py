@@ -150,13 +150,17 @@ class Ticks:
         """Does the foot touch the ground? bool (num_robots, num_ticks, 2)."""
         return self._feet("foot_contact")[..., _FOUND] > 0
 
+    @property
+    def foot_pressure_point(self) -> np.ndarray:
+        """Pressure centre of each foot [m], meaningless where it has no force: (num_robots, num_ticks, 2, 2)."""
+        return self._feet("foot_contact")[..., _POINT][..., :2]
+
     @cached_property
     def center_of_pressure(self) -> np.ndarray:
         """Force-weighted mean of both feet's pressure centres [m], NaN in the air: (num_robots, num_ticks, 2)."""
         force = self.foot_force[..., None]
-        points = self._feet("foot_contact")[..., _POINT][..., :2]
         with np.errstate(invalid="ignore", divide="ignore"):
-            return (force * points).sum(axis=-2) / force.sum(axis=-2)
+            return (force * self.foot_pressure_point).sum(axis=-2) / force.sum(axis=-2)
 
     @cached_property
     def support_center(self) -> np.ndarray:
