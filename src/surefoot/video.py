@@ -202,10 +202,18 @@ def save_video(
     Raises:
         UserError: the suffix or the size will not do, the file cannot be written, or there is no OpenGL to draw with.
     """
+    write_film(path, frames(recording, fps, size, **options), fps, size)
+
+
+def write_film(path: str | Path, pictures: Iterator[np.ndarray], fps: float, size: tuple[int, int]) -> None:
+    """Write pictures, uint8 (height, width, 3), as .mp4 (H.264) or .gif; `size` is their width and height.
+
+    Raises:
+        UserError: the suffix or the size will not do, or the file cannot be written.
+    """
     path = _checked(path, VIDEO_SUFFIXES)
-    pictures = frames(recording, fps, size, **options)
     try:
-        if path.suffix == ".gif":
+        if path.suffix.lower() == ".gif":
             _write_gif(path, pictures, fps)
             return
         if size[0] % 2 or size[1] % 2:

@@ -7,6 +7,7 @@ import re
 import mujoco
 import numpy as np
 import trimesh
+from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
 from surefoot.robot import Robot
@@ -28,33 +29,32 @@ def visual_model(robot: Robot, *, coarse: bool = False) -> mujoco.MjModel:
 
 def body_glbs(model: mujoco.MjModel, opacity: float = 1.0) -> dict[int, bytes]:
     """MuJoCo body id -> its shapes in the body's frame as a binary GLB, for every body that has any."""
+    material = _palette(model, opacity)
     glbs = {}
     for body in range(1, model.nbody):
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body and model.geom_group[g] == _VISUAL_GROUP]
         if geoms:
-            glbs[body] = _glb(model, geoms, opacity)
+            glbs[body] = _glb(model, geoms, material)
     return glbs
 
 
-def _glb(model: mujoco.MjModel, geoms: list[int], opacity: float) -> bytes:
-    """One mesh per material: a browser draws each of them in one go for all robots."""
-    by_material: dict[int, list[trimesh.Trimesh]] = {}
-    for geom in geoms:
-        by_material.setdefault(int(model.geom_matid[geom]), []).append(_placed_shape(model, geom))
-    scene = trimesh.Scene()
-    for material, shapes in by_material.items():
-        vertices, faces, normals, first = [], [], [], 0
-        for shape in shapes:
-            vertices.append(shape.vertices)
-            faces.append(shape.faces + first)
-            normals.append(shape.vertex_normals)
-            first += len(shape.vertices)
-        whole = trimesh.Trimesh(
-            np.concatenate(vertices), np.concatenate(faces), vertex_normals=np.concatenate(normals), process=False
-        )
-        whole.visual = trimesh.visual.TextureVisuals(material=_material(model, material, opacity))
-        scene.add_geometry(whole)
-    return scene.export(file_type="glb", include_normals=True)
+def _glb(model: mujoco.MjModel, geoms: list[int], material: PBRMaterial) -> bytes:
+    """One mesh with one material, which a browser draws in one go for all robots."""
+    shapes = [_placed_shape(model, geom) for geom in geoms]
+    first = np.cumsum([0, *(len(shape.vertices) for shape in shapes)])
+    whole = trimesh.Trimesh(
+        np.concatenate([shape.vertices for shape in shapes]),
+        np.concatenate([shape.faces + number for shape, number in zip(shapes, first, strict=False)]),
+        vertex_normals=np.concatenate([shape.vertex_normals for shape in shapes]),
+        process=False,
+    )
+    # A material is a column of the palette.
+    column = np.concatenate(
+        [np.full(len(shape.vertices), model.geom_matid[geom]) for shape, geom in zip(shapes, geoms, strict=True)]
+    )
+    places = np.stack([(column + 0.5) / model.nmat, np.full(len(column), 0.5)], axis=1)
+    whole.visual = trimesh.visual.TextureVisuals(uv=places, material=material)
+    return whole.export(file_type="glb", include_normals=True)
 
 
 def _placed_shape(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
@@ -94,17 +94,20 @@ def _flat_shaded(shape: trimesh.Trimesh) -> trimesh.Trimesh:
     return trimesh.graph.smooth_shade(shape, angle=np.radians(40))
 
 
-def _material(model: mujoco.MjModel, material: int, opacity: float) -> PBRMaterial:
-    rgba = model.mat_rgba[material].copy() if material >= 0 else np.array([0.7, 0.7, 0.7, 1.0])
-    specular = float(model.mat_specular[material]) if material >= 0 else 0.3
-    shininess = float(model.mat_shininess[material]) if material >= 0 else 0.3
-    emission = float(model.mat_emission[material]) if material >= 0 else 0.0
-    # glTF colours are linear, MuJoCo's are as seen.
-    linear = np.append(rgba[:3] ** 2.2, opacity)
+def _palette(model: mujoco.MjModel, opacity: float) -> PBRMaterial:
+    """All materials of the model as one: textures with a column for each."""
+    color = np.rint(255.0 * model.mat_rgba[None, :, :3]).astype(np.uint8)
+    is_metal = (model.mat_specular > _METALLIC) & (model.mat_specular < 1.0)
+    roughness = np.rint(255.0 * (1.0 - 0.75 * model.mat_shininess))
+    surface = np.stack([np.zeros(model.nmat), roughness, np.where(is_metal, 190.0, 12.0)], axis=-1)
+    glow = np.rint(color * model.mat_emission[:, None]).astype(np.uint8)
     return PBRMaterial(
-        baseColorFactor=linear,
-        metallicFactor=0.75 if _METALLIC < specular < 1.0 else 0.05,
-        roughnessFactor=1.0 - 0.75 * shininess,
-        emissiveFactor=emission * linear[:3],
+        baseColorFactor=[1.0, 1.0, 1.0, opacity],
+        baseColorTexture=Image.fromarray(color),
+        metallicRoughnessTexture=Image.fromarray(surface.astype(np.uint8)[None]),
+        metallicFactor=1.0,
+        roughnessFactor=1.0,
+        emissiveTexture=Image.fromarray(glow),
+        emissiveFactor=[1.0, 1.0, 1.0],
         alphaMode="OPAQUE" if opacity >= 1.0 else "BLEND",
     )

@@ -1,23 +1,81 @@
-"""Clip: the last seconds of the watched robot as a film, drawn without the browser."""
+"""Clip: the last seconds of a played robot as a film, drawn without any browser."""
 
 from __future__ import annotations
 
 import dataclasses
-import tempfile
 from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from surefoot.disturbance import Push
-from surefoot.policy import Policy
+from surefoot.errors import UserError
 from surefoot.robot import Robot
-from surefoot.scene import Moment
-from surefoot.simulation import POLICY_HZ, TICKS_PER_STEP
-from surefoot.trials import Outcome, Trial
-from surefoot.video import Recording, save_video
+from surefoot.scene import Moment, Scene
+from surefoot.simulation import POLICY_DT, POLICY_HZ
+from surefoot.video import write_film
 from surefoot.viewer.session import Session
-from surefoot.viewer.verdict import State
 
 SECONDS = 8.0
-_FPS = 50
+SIZE = (960, 720)
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A moment with what pushed the robot last; the moment's time counts from that push's beginning [s]."""
+
+    moment: Moment
+    push: Push | None
+
+
+class ClipRecorder:
+    """Keeps the last `SECONDS` of one robot."""
+
+    def __init__(self) -> None:
+        self._shots: deque[Shot] = deque(maxlen=round(SECONDS * POLICY_HZ))
+        self._push: Push | None = None
+        self._since = 0.0
+
+    def clear(self) -> None:
+        self._shots.clear()
+
+    def add(self, session: Session, robot: int) -> None:
+        """Remember the last tick of the session's last step."""
+        force = session.force(-1)[robot]
+        strength = float(np.linalg.norm(force))
+        self._since += POLICY_DT
+        if strength > 1.0:
+            direction = tuple((force / strength).tolist())
+            body = _pushable(session.robot, int(session.pushed_body()[robot]))
+            self._push = Push(body, direction, strength * POLICY_DT, duration=POLICY_DT)
+            self._since = 0.0
+        moment = dataclasses.replace(Moment.of(session.ticks, robot), time=self._since)
+        self._shots.append(Shot(moment, self._push))
+
+    def shots(self) -> tuple[Shot, ...]:
+        return tuple(self._shots)
+
+
+def save_clip(path: Path, robot: Robot, shots: tuple[Shot, ...]) -> None:
+    """Write what was recorded as .mp4 or .gif, in real time.
+
+    Raises:
+        UserError: there is nothing to write, no OpenGL to draw with, or the file cannot be written.
+    """
+    if not shots:
+        raise UserError("nothing has been recorded yet")
+
+    def pictures() -> Iterator[np.ndarray]:
+        with Scene(robot, *SIZE) as scene:
+            for shot in shots:
+                yield scene.draw(shot.moment, shot.push)
+
+    write_film(path, pictures(), POLICY_HZ, SIZE)
+
+
+def _pushable(robot: Robot, body: int) -> str:
+    """The name of a body, or of the next pushable one above it in the tree (body ids count downwards)."""
+    names = {number: name for name, number in robot.body_ids.items()}
+    return next(names[number] for number in range(body, 0, -1) if number in names)

@@ -19,8 +19,11 @@ from surefoot.viewer.verdict import State
 SECONDS = 6.0
 """How far the curves look back."""
 _NUM_STEPS = round(SECONDS * POLICY_HZ)
-_COM_INK, _CAPTURE_INK, _EDGE_INK, _ROLL_INK = "#d99a00", "#1f9d55", "#9aa7b8", "#2d7dd2"
-_PLOT_HEIGHT = 128
+_COM_INK, _CAPTURE_INK, _EDGE_INK, _ROLL_INK, _PITCH_INK = (
+    *("#d99a00", "#1f9d55", "#9aa7b8"),
+    *("#2d7dd2", "#8e44ad"),
+)
+_PLOT_HEIGHT = 92
 _WORDS = {
     State.STANDING: ("Standing", "push it"),
     State.RECOVERING: ("Recovering", ""),
@@ -33,8 +36,8 @@ _WORDS = {
 class History:
     """The last seconds of the watched robot, one row per policy step.
 
-    Rows: CoM and capture point ahead of the support's centre and to its left, the support's edges there [cm]; roll
-    and pitch of the pelvis [deg].
+    Rows: CoM, capture point and the support's edges, forward and to the left of the middle between the soles [cm];
+    roll and pitch of the pelvis [deg].
     """
 
     COLUMNS = ("com_x", "cp_x", "front", "back", "com_y", "cp_y", "left", "right", "roll", "pitch")
@@ -51,7 +54,7 @@ class History:
         """Remember the last tick of the session's last step, and the torques of all of it."""
         ticks = session.ticks
         one = Ticks(session.robot, session.loop.simulation.layout, ticks.record[robot : robot + 1, -1:])
-        center = np.append(one.support_center[0, 0], 0.0)
+        center = np.append(one.sole_position[0, 0, :, :2].mean(axis=0), 0.0)
         capture = np.append(one.capture_point[0, 0], 0.0)
         polygon = one.support_polygon(0, 0)
         points = [one.com_position[0, 0] - center, capture - center]
@@ -79,25 +82,28 @@ class LivePanel:
     def __init__(self, server: viser.ViserServer):
         gui = server.gui
         self._status = gui.add_html("")
-        self._plots = {
-            columns: gui.add_uplot(
+        self._plots = {}
+        for title, limit, curves in _PLOTS:
+            gui.add_html(_plot_title(title, curves))
+            columns = tuple(column for column, _, _ in curves)
+            self._plots[columns] = gui.add_uplot(
                 History().columns(*columns),
-                (uplot.Series(label="s"), *(_series(label, ink) for label, ink in zip(labels, inks, strict=True))),
-                title=title,
-                scales={"x": uplot.Scale(time=False, range=(-SECONDS, 0.0)), "y": uplot.Scale(range=limits)},
-                axes=(_axis(), _axis()),
-                legend=uplot.Legend(show=True),
+                (uplot.Series(label="s"), *(_series(name, ink) for _, name, ink in curves)),
+                scales={
+                    "x": uplot.Scale(time=False, range=(-SECONDS, 0.0)),
+                    "y": uplot.Scale(range=(-limit, limit)),
+                },
+                axes=(_axis(18, space=60), _axis(34, space=18)),
+                legend=uplot.Legend(show=False),
                 cursor=uplot.Cursor(show=False),
                 height=_PLOT_HEIGHT,
-                padding=(6, 6, 0, 0),
+                padding=(4, 8, 0, 0),
             )
-            for title, columns, labels, inks, limits in _PLOTS
-        }
         self._torques = gui.add_html("")
 
-    def show(self, session: Session, history: History, watched: int, policy: str, rates: str, strategies: str) -> None:
-        """Bring everything up to date; `policy` and `rates` are a line each, `strategies` the watched robot's."""
-        self._status.content = status_html(session, watched, policy, rates, strategies)
+    def show(self, session: Session, history: History, watched: int, policy: str, rates: str) -> None:
+        """Bring everything up to date; `policy` and `rates` are a line each."""
+        self._status.content = status_html(session, watched, policy, rates)
         for columns, plot in self._plots.items():
             plot.data = history.columns(*columns)
         self._torques.content = torques_html(session.robot, session.ticks, watched, history.peak_torque)
@@ -105,24 +111,43 @@ class LivePanel:
 
 _PLOTS = (
     (
-        "Forward of the support's centre [cm]",
-        ("com_x", "cp_x", "front", "back"),
-        ("CoM", "capture point", "edges", ""),
-        (_COM_INK, _CAPTURE_INK, _EDGE_INK, _EDGE_INK),
-        (-45.0, 45.0),
+        "Forward [cm]",
+        40.0,
+        (
+            ("com_x", "CoM", _COM_INK),
+            ("cp_x", "capture point", _CAPTURE_INK),
+            ("front", "support", _EDGE_INK),
+            ("back", "", _EDGE_INK),
+        ),
     ),
     (
-        "Left of the support's centre [cm]",
-        ("com_y", "cp_y", "left", "right"),
-        ("CoM", "capture point", "edges", ""),
-        (_COM_INK, _CAPTURE_INK, _EDGE_INK, _EDGE_INK),
-        (-45.0, 45.0),
+        "Left [cm]",
+        40.0,
+        (
+            ("com_y", "CoM", _COM_INK),
+            ("cp_y", "capture point", _CAPTURE_INK),
+            ("left", "support", _EDGE_INK),
+            ("right", "", _EDGE_INK),
+        ),
     ),
-    ("Pelvis attitude [deg]", ("roll", "pitch"), ("roll", "pitch"), (_ROLL_INK, "#8e44ad"), (-30.0, 30.0)),
+    ("Pelvis [deg]", 30.0, (("roll", "roll", _ROLL_INK), ("pitch", "pitch", _PITCH_INK))),
 )
+"""Title, range, and the curves: column of the history, word, colour."""
 
 
-def status_html(session: Session, watched: int, policy: str, rates: str, strategies: str) -> str:
+def _plot_title(title: str, curves: tuple[tuple[str, str, str], ...]) -> str:
+    words = "".join(
+        f'<span style="margin-left:10px;white-space:nowrap"><span style="color:{ink}">━</span> {name}</span>'
+        for _, name, ink in curves
+        if name
+    )
+    return (
+        '<div style="font:12px/1.2 system-ui,sans-serif;padding:6px 12px 0;display:flex;justify-content:space-between">'
+        f'<b>{title}</b><span style="opacity:.85">{words}</span></div>'
+    )
+
+
+def status_html(session: Session, watched: int, policy: str, rates: str) -> str:
     """The verdict on the watched robot, how it did it, and the count."""
     verdicts = session.verdicts
     state = State(verdicts.state[watched])
@@ -143,7 +168,7 @@ def status_html(session: Session, watched: int, policy: str, rates: str, strateg
         f'<div data-surefoot="verdict" style="background:rgb({red},{green},{blue});color:white;border-radius:8px;'
         'padding:8px 12px">'
         f'<div style="font-size:21px;font-weight:700;line-height:1.2">{word}</div>'
-        f'<div style="opacity:.92;min-height:1.4em">{escape(strategies) or detail}</div></div>'
+        f'<div style="opacity:.92;min-height:1.4em">{escape(session.strategies(watched)) or detail}</div></div>'
         '<div style="display:flex;justify-content:space-between;margin-top:8px;font-size:15px">'
         f'<span data-surefoot="count"><b>{verdicts.recovered}</b> of <b>{ended}</b> recovered</span>'
         f'<span style="color:rgb(200,50,50)">{verdicts.fallen} fell</span></div>{crowd}'
@@ -170,14 +195,14 @@ def torques_html(robot: Robot, ticks: Ticks, watched: int, peak: np.ndarray) -> 
 def _torque_row(name: str, share: float, limit: float, peak: float) -> str:
     width, color = min(abs(share), 1.0) * 100.0, "#d64545" if abs(share) > 0.95 else "#4a7fb5"
     return (
-        '<div style="display:flex;align-items:center;height:15px">'
-        f'<span style="width:112px;opacity:.8">{name.replace("_", " ")}</span>'
+        '<div style="display:flex;align-items:center;height:14px">'
+        f'<span style="width:98px;opacity:.8;white-space:nowrap">{name.replace("_", " ")}</span>'
         '<span style="flex:1;position:relative;height:8px;background:rgba(128,140,160,.22);border-radius:4px">'
         f'<span style="position:absolute;left:0;top:0;height:8px;width:{width:.1f}%;background:{color};'
         'border-radius:4px"></span>'
         f'<span style="position:absolute;left:{min(peak, 1.0) * 100.0:.1f}%;top:-1px;height:10px;width:2px;'
         'background:#d64545;opacity:.7"></span></span>'
-        f'<span style="width:76px;text-align:right;opacity:.65">{abs(share) * limit:.0f} / {limit:.0f} Nm</span></div>'
+        f'<span style="width:86px;text-align:right;opacity:.65;white-space:nowrap">{abs(share) * limit:.0f} / {limit:.0f} Nm</span></div>'
     )
 
 
@@ -192,5 +217,6 @@ def _series(label: str, ink: str) -> uplot.Series:
     )
 
 
-def _axis() -> uplot.Axis:
-    return uplot.Axis(stroke="#7b8796", size=30, font="11px system-ui", grid={"stroke": "rgba(120,130,150,.16)"})
+def _axis(size: int, space: int) -> uplot.Axis:
+    grid = {"stroke": "rgba(120,130,150,.16)"}
+    return uplot.Axis(stroke="#7b8796", size=size, space=space, font="10px system-ui", grid=grid, ticks=grid)

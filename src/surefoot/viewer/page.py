@@ -18,14 +18,14 @@ from surefoot.viewer.player import Player
 from surefoot.viewer.session import Session, horizontal_push
 from surefoot.viewer.source import PolicySource
 from surefoot.viewer.stage import Stage
-from surefoot.viewer.verdict import State
 
 PORT = 8080
 HAND_STIFFNESS = 500.0
 """The hand that drags a body is a spring [N/m]."""
 HAND_FORCE = 800.0
 """Its largest force [N]."""
-_CAMERA, _LOOK_AT, _FIELD_OF_VIEW = (3.3, 2.3, 1.5), (0.0, 0.0, 0.95), 38.0
+_FIELD_OF_VIEW = 38.0
+_HORIZON, _ZENITH = (206, 214, 224), (138, 152, 171)
 _PANEL_HZ = 8.0
 _POLL_S = 1.0
 # viser turns the camera by the arrow keys too: they stop here, below the document at which it listens.
@@ -69,12 +69,11 @@ class Page:
         self._seen_steps = -1
         self._hands: dict[int, tuple[int, np.ndarray]] = {}
         self.server = viser.ViserServer(host=host, port=port, label="surefoot", verbose=False)
-        self._light()
         self.player = Player(session, self._show, lambda: bool(self.server.get_clients()))
+        self._light()
         self.stage = self._build_stage(session)
         self._hint = self._add_hint()
         self._build_panels(runs)
-        self.server.on_client_connect(self._welcome)
         self.player.start()
 
     @property
@@ -103,6 +102,9 @@ class Page:
             self.stage.remove()
             self.player.session = session
             self.stage = self._build_stage(session)
+            self.follow = num_robots == 1
+            for client in self.server.get_clients().values():
+                client.camera.position, client.camera.look_at = camera_place(num_robots)
 
         self.player.do(rebuild)
 
@@ -126,6 +128,10 @@ class Page:
             self.tell(f"{source.policy.name}: {source.description}", "policy")
 
         self.player.do(change)
+
+    def set_overlays(self, visible: bool) -> None:
+        """Show forces and points, or not."""
+        self.player.do(lambda session: setattr(self.stage, "overlays", visible))
 
     def push_from_screen(self, client: viser.ClientHandle, right: float, away: float, controls: Controls) -> None:
         """Push as seen on a browser's screen: `right` and `away` from the viewer, a unit vector."""
@@ -159,7 +165,7 @@ class Page:
         if now - self._last_panel > 1.0 / _PANEL_HZ:
             self._last_panel = now
             policy = f"{self.source.policy.name} · {self.source.description}"
-            self.live.show(session, self.history, self.watched, policy, self._rates(), session.strategies(self.watched))
+            self.live.show(session, self.history, self.watched, policy, self._rates())
             if session.message:
                 self.tell(session.message, "surefoot", "red")
                 session.message = ""
@@ -178,6 +184,7 @@ class Page:
             if self.source.refresh():
                 session.set_policy(self.source.policy)
                 self.tell(f"new checkpoint of {self.source.name}: {self.source.description}", "policy")
+            self.controls.refresh_policies()
         except UserError as error:
             session.message = str(error)
 
@@ -212,22 +219,23 @@ class Page:
     def _light(self) -> None:
         scene = self.server.scene
         scene.set_up_direction("+z")
-        scene.configure_environment_map("studio", environment_intensity=0.55)
+        scene.set_background_image(_sky(), format="png")
+        scene.configure_fog(near=9.0, far=34.0, color=_HORIZON)
+        scene.configure_environment_map("studio", environment_intensity=0.3)
         scene.configure_default_lights(enabled=False)
-        scene.add_light_hemisphere(
-            "/light/sky", sky_color=(255, 255, 255), ground_color=(190, 198, 210), intensity=0.9
-        )
+        scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 160, 175), intensity=0.7)
         scene.add_light_spot(
             "/light/key",
             position=(3.5, 3.0, 7.0),
             direction=(-0.42, -0.36, -0.83),
-            intensity=160.0,
+            intensity=75.0,
             angle=0.5,
             penumbra=1.0,
             cast_shadow=True,
         )
         camera = self.server.initial_camera
-        camera.position, camera.look_at, camera.fov = _CAMERA, _LOOK_AT, float(np.radians(_FIELD_OF_VIEW))
+        camera.fov = float(np.radians(_FIELD_OF_VIEW))
+        camera.position, camera.look_at = camera_place(self.player.session.num_robots)
 
     def _add_hint(self) -> viser.LabelHandle:
         return self.server.scene.add_label(
@@ -250,8 +258,12 @@ class Page:
         panel.dock_left()
         panel.set_width(340)
 
-    def _welcome(self, client: viser.ClientHandle) -> None:
-        """A new browser has nothing to be told yet; its drags end by themselves when it leaves."""
+
+def _sky(height: int = 256) -> np.ndarray:
+    """A background that is bright at the horizon, in the middle, and darker above: uint8 (height, 16, 3)."""
+    above = np.clip(1.0 - 2.0 * np.arange(height) / height, 0.0, 1.0)[:, None]
+    color = (1.0 - above) * np.array(_HORIZON) + above * np.array(_ZENITH)
+    return np.repeat(np.rint(color).astype(np.uint8)[:, None], 16, axis=1)
 
 
 def check_port(host: str, port: int) -> None:
@@ -265,6 +277,8 @@ def check_port(host: str, port: int) -> None:
         raise UserError(f"cannot listen on {host}:{port}: {reason}; choose another --port") from error
 
 
-def state_words(state: int) -> str:
-    """A state for a person to read."""
-    return State(state).name.lower()
+def camera_place(num_robots: int) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Position of the camera, and what it looks at [m]: all of one robot, or the middle of a crowd."""
+    side = float(np.ceil(np.sqrt(num_robots))) - 1.0
+    away = 1.0 + 0.95 * side
+    return (3.6 * away, 2.5 * away, 1.45 + 1.6 * side), (0.0, 0.0, 0.93)

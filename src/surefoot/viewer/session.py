@@ -13,6 +13,7 @@ from surefoot.policy import Policy
 from surefoot.robot import load_robot
 from surefoot.signals import LowPass
 from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Ticks
+from surefoot.strategies import StrategyWatch
 from surefoot.trials import JOINT_NOISE
 from surefoot.viewer.verdict import State, Verdicts
 
@@ -26,6 +27,7 @@ OBSERVATION_NOISE, ACTION_NOISE = 0.5, 0.1
 DOWN_S = 2.0
 """A fallen robot that stands up again by itself does so after that time [s]."""
 FRICTION = 1.0
+_NEVER = np.iinfo(np.int64).max
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class Session:
         friction: of floor and robot, sliding.
         stands_up: do fallen robots stand up again after `DOWN_S`?
         message: what went wrong last, for the user; the reader empties it.
+        num_steps: policy steps so far.
+        ticks: of the last policy step; one tick only before the first.
 
     Raises:
         UserError: another number of robots.
@@ -71,7 +75,11 @@ class Session:
         self.friction = FRICTION
         self.stands_up = True
         self.message = ""
+        self.num_steps = 0
         self.everyone = np.arange(num_robots)
+        self._watch = StrategyWatch(self.robot, num_robots)
+        self._begin = np.full(num_robots, _NEVER)
+        self._told = [""] * num_robots
         self._rng = np.random.default_rng(seed)
         self._noise_filter = LowPass(num_robots, self.loop.observation.shape[1], TICKS_PER_STEP, CONTROL_HZ)
         self._geom_friction: np.ndarray | None = None
@@ -90,9 +98,12 @@ class Session:
         self.policy.reset(ids)
         self._noise_filter.reset(ids, np.zeros((len(ids), self.loop.observation.shape[1])))
         self.verdicts.reset(ids)
+        self._watch.reset(ids, start)
+        self._begin[ids] = _NEVER
         self._queue = [queued for queued in self._queue if queued.robot not in ids]
-        for robot in ids:
-            self._pulls.pop(int(robot), None)
+        for robot in ids.tolist():
+            self._pulls.pop(robot, None)
+            self._told[robot] = ""
         return start
 
     def push(self, push: Push, ids: np.ndarray | None = None) -> None:
@@ -101,7 +112,7 @@ class Session:
         ids = self.everyone if ids is None else ids
         ticks = self.loop.tick[ids] + round(push.start * CONTROL_HZ)
         self._queue += [_Queued(int(robot), int(tick), push) for robot, tick in zip(ids, ticks, strict=True)]
-        self.verdicts.disturb(ids, ticks + round(push.duration * CONTROL_HZ))
+        self._disturb(ids, ticks, ticks + round(push.duration * CONTROL_HZ))
 
     def lift_and_push(self, push: Push, lift: Push = LIFT) -> None:
         """Lift all robots off the ground, and push them while they are in the air."""
@@ -112,7 +123,7 @@ class Session:
     def drop(self, height: float) -> None:
         """Let all robots fall from `height` [m] above the floor."""
         self.reset(height=height)
-        self.verdicts.disturb(self.everyone, self.loop.tick.copy())
+        self._disturb(self.everyone, self.loop.tick, self.loop.tick)
 
     def pull(self, robot: int, body: int, force: np.ndarray) -> None:
         """Hold a body (MuJoCo id) of one robot by a force (3,) [N] at its CoM until `release`."""
@@ -150,8 +161,9 @@ class Session:
         self._begin_pushes()
         actions = self._act()
         self.ticks = self.loop.step(actions)
+        self.num_steps += 1
         diverged = self.loop.simulation.diverged
-        self.verdicts.update(self.ticks, self.loop.tick, diverged)
+        self._recognise(diverged)
         if diverged.any():
             self.message = f"the simulation of {int(diverged.sum())} robots became unstable; they start anew"
             self.reset(np.flatnonzero(diverged))
@@ -166,9 +178,44 @@ class Session:
         wrench = self.loop.simulation.wrench[:, min(tick, TICKS_PER_STEP - 1), :, :3]
         return wrench.sum(axis=1)
 
+    def time(self, tick: int) -> float:
+        """When a tick of the last step was [s], counted from the session's beginning."""
+        return ((self.num_steps - 1) * TICKS_PER_STEP + tick) / CONTROL_HZ
+
     def pushed_body(self) -> np.ndarray:
         """MuJoCo ids (num_robots,) of the bodies that `force` acts on."""
         return self.loop.pushes.body
+
+    def strategies(self, robot: int) -> str:
+        """How a robot keeps its balance since its disturbance began, or did at the last one, in words."""
+        if self.verdicts.state[robot] in (State.RECOVERING, State.FELL):
+            return _words(self._watch, robot)
+        return self._told[robot]
+
+    def is_pushed(self) -> bool:
+        """Is any push under way or in line?"""
+        return bool(self._queue) or bool(
+            ((self.loop.pushes.start <= self.loop.tick) & (self.loop.tick < self.loop.pushes.end)).any()
+        )
+
+    def _disturb(self, ids: np.ndarray, begin: np.ndarray, over: np.ndarray) -> None:
+        """Robots `ids` (n,) are disturbed between these ticks (n,) since their reset."""
+        self._begin[ids] = np.minimum(self._begin[ids], begin)
+        self.verdicts.disturb(ids, over)
+
+    def _recognise(self, diverged: np.ndarray) -> None:
+        """Strategies and verdicts of the last step."""
+        numbers = self.loop.tick[:, None] - TICKS_PER_STEP + np.arange(TICKS_PER_STEP)
+        self._watch.update(self.everyone, self.ticks, numbers >= self._begin[:, None])
+        before = self.verdicts.state.copy()
+        self.verdicts.update(self.ticks, self.loop.tick, diverged)
+        recovered = np.flatnonzero((self.verdicts.state == State.RECOVERED) & (before != State.RECOVERED))
+        if len(recovered):
+            for robot in recovered.tolist():
+                self._told[robot] = _words(self._watch, robot) or "without any strategy worth a name"
+            last = Ticks(self.robot, self.loop.simulation.layout, self.ticks.record[recovered, -1:])
+            self._watch.reset(recovered, last)
+            self._begin[recovered] = _NEVER
 
     def _begin_pushes(self) -> None:
         now = self.loop.tick
@@ -179,7 +226,7 @@ class Session:
         for robot, (body, force) in self._pulls.items():
             duration = TICKS_PER_STEP / CONTROL_HZ
             self._schedule(robot, body, force * duration, int(now[robot]), duration)
-            self.verdicts.disturb(np.array([robot]), now[[robot]] + TICKS_PER_STEP)
+            self._disturb(np.array([robot]), now[[robot]], now[[robot]] + TICKS_PER_STEP)
 
     def _schedule(self, robot: int, body: int, impulse: np.ndarray, tick: int, duration: float) -> None:
         self.loop.pushes.schedule(np.array([robot]), np.array([body]), impulse, np.array([tick]), duration)
@@ -198,6 +245,11 @@ class Session:
         if self.noise > 0.0:
             actions = actions + self._rng.normal(0.0, self.noise * ACTION_NOISE, actions.shape)
         return actions
+
+
+def _words(watch: StrategyWatch, robot: int) -> str:
+    words = str(watch.strategies(robot))
+    return "" if words == "none" else words
 
 
 def horizontal_push(body: str, angle_deg: float, impulse: float, duration: float = PUSH_DURATION) -> Push:

@@ -25,8 +25,12 @@ _SURFACE = 0.16
 """A push's arrow ends so far from the CoM of the pushed body [m]."""
 _ROOT = "/world"
 
-PUSH, COM, FORCE, PRESSURE = (255, 90, 20), (250, 190, 20), (45, 150, 255), (160, 70, 230)
-CAPTURED, ESCAPED, SUPPORT = (30, 175, 90), (225, 35, 45), (35, 60, 90)
+# Darker than they shall look: the light brightens them.
+PUSH, COM, FORCE, PRESSURE = (235, 62, 0), (240, 160, 0), (0, 95, 225), (125, 30, 205)
+PUSH_PAST = (240, 165, 120)
+CAPTURED, ESCAPED, SUPPORT = (0, 140, 55), (215, 15, 25), (25, 45, 75)
+_AFTERGLOW = 0.3
+"""A push's arrow stays for so long after its end [s of simulated time], paler."""
 STATE_COLORS = {
     State.STANDING: (120, 132, 148),
     State.RECOVERING: (245, 165, 30),
@@ -83,7 +87,7 @@ class Stage:
                 handle.batched_positions = self._xpos[body].astype(np.float32)
                 handle.batched_wxyzs = self._xquat[body].astype(np.float32)
             centers = self._pushed[session.pushed_body(), np.arange(self.num_robots)]
-            self._marks.show_pushes(centers, session.force(tick))
+            self._marks.show_pushes(centers, session.force(tick), session.time(tick))
             self._marks.show_states(self._xpos[1], session.verdicts.state if self.num_robots > 1 else None)
             moment = Moment.of(ticks, robot=watched, tick=tick)
             self._marks.show_balance(moment, self.places[watched], self.overlays)
@@ -122,15 +126,15 @@ class Stage:
             infinite_grid=True,
             cell_size=0.5,
             section_size=1.0,
-            cell_color=(205, 211, 219),
-            section_color=(176, 185, 197),
+            cell_color=(176, 186, 198),
+            section_color=(150, 161, 176),
             cell_thickness=0.6,
-            section_thickness=1.3,
-            plane_color=(233, 237, 242),
+            section_thickness=1.0,
+            plane_color=(190, 199, 210),
             plane_opacity=1.0,
-            shadow_opacity=0.28,
-            fade_distance=26.0,
-            fade_strength=1.2,
+            shadow_opacity=0.4,
+            fade_distance=40.0,
+            fade_strength=1.0,
         )
         for axis, name in ((0, "forward"), (1, "left")):
             for meters in (1, 2, 3, 4):
@@ -139,11 +143,11 @@ class Stage:
                 scene.add_label(
                     f"{_ROOT}/distance_{name}_{meters}",
                     f"{meters} m" + (f" {name}" if meters == 1 else ""),
-                    position=place + [0, 0, 0.005],
+                    position=place + [0, 0, 0.01],
                     font_size_mode="scene",
-                    font_scene_height=0.07,
+                    font_scene_height=0.045,
                     depth_test=True,
-                    anchor="center-center",
+                    anchor="bottom-center",
                 )
 
 
@@ -170,7 +174,9 @@ class Marks:
         self._captured = scene.add_cylinder(f"{_ROOT}/capture_point", 0.05, 0.012, color=CAPTURED)
         self._escaped = scene.add_cylinder(f"{_ROOT}/capture_point_beyond", 0.05, 0.012, color=ESCAPED)
         self._pressure = scene.add_box(f"{_ROOT}/pressure", color=PRESSURE, dimensions=(0.05, 0.05, 0.016))
-        self._discs = None
+        self._force = np.zeros((num_robots, 3))
+        self._pushed_at = np.full(num_robots, -np.inf)
+        self._discs: viser.BatchedMeshHandle | None = None
         if num_robots > 1:
             disc = _disc(0.42)
             self._discs = scene.add_batched_meshes_simple(
@@ -184,17 +190,20 @@ class Marks:
                 lod="off",
             )
 
-    def show_pushes(self, centers: np.ndarray, force: np.ndarray) -> None:
-        """Arrows to body centres (N, 3) [m] for forces (N, 3) [N]; none for none."""
-        strength = np.linalg.norm(force, axis=1)
-        pushed = strength > 1.0
-        self._pushes.visible = bool(pushed.any())
-        if not pushed.any():
+    def show_pushes(self, centers: np.ndarray, force: np.ndarray, time: float) -> None:
+        """Arrows to body centres (N, 3) [m] for forces (N, 3) [N], and for a while after; `time` is the session's."""
+        pushed = np.linalg.norm(force, axis=1) > 1.0
+        self._force[pushed], self._pushed_at[pushed] = force[pushed], time
+        shown = np.abs(time - self._pushed_at) < _AFTERGLOW
+        self._pushes.visible = bool(shown.any())
+        if not shown.any():
             return
-        direction = force[pushed] / strength[pushed, None]
-        tips = centers[pushed] - _SURFACE * direction
-        length = np.clip(strength[pushed, None] * PUSH_LENGTH, 0.15, _MAX_PUSH)
+        strength = np.linalg.norm(self._force[shown], axis=1)[:, None]
+        direction = self._force[shown] / strength
+        tips = centers[shown] - _SURFACE * direction
+        length = np.clip(strength * PUSH_LENGTH, 0.15, _MAX_PUSH)
         self._pushes.points = np.stack([tips - length * direction, tips], axis=1).astype(np.float32)
+        self._pushes.colors = np.where(pushed[shown, None], PUSH, PUSH_PAST).astype(np.uint8)
 
     def show_states(self, pelvis: np.ndarray, states: np.ndarray | None) -> None:
         """A disc in the colour of its state under each pelvis (N, 3) [m] of a crowd."""
