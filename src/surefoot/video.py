@@ -211,19 +211,29 @@ def write_film(path: str | Path, pictures: Iterator[np.ndarray], fps: float, siz
     Raises:
         UserError: the suffix or the size will not do, or the file cannot be written.
     """
-    path = _checked(path, VIDEO_SUFFIXES)
+    check_film(path, size)
+    path = Path(path)
     try:
         if path.suffix.lower() == ".gif":
             _write_gif(path, pictures, fps)
             return
-        if size[0] % 2 or size[1] % 2:
-            raise UserError(f"an .mp4 cannot have {size[0]} x {size[1]} pixels; valid: even numbers")
         film: Any = imageio.get_writer(path, fps=fps, codec="libx264", quality=8, macro_block_size=2)
         with film:
             for picture in pictures:
                 film.append_data(picture)
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def check_film(path: str | Path, size: tuple[int, int]) -> None:
+    """Raises UserError: a film cannot be written there, or not of this size."""
+    if _checked(path, VIDEO_SUFFIXES).suffix.lower() == ".mp4" and (size[0] % 2 or size[1] % 2):
+        raise UserError(f"an .mp4 cannot have {size[0]} x {size[1]} pixels; valid: even numbers")
+
+
+def check_picture(path: str | Path) -> None:
+    """Raises UserError: a picture cannot be written there."""
+    _checked(path, PICTURE_SUFFIXES)
 
 
 def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: float) -> None:

@@ -54,7 +54,9 @@ def _glb(model: mujoco.MjModel, geoms: list[int], material: PBRMaterial) -> byte
     )
     places = np.stack([(column + 0.5) / model.nmat, np.full(len(column), 0.5)], axis=1)
     whole.visual = trimesh.visual.TextureVisuals(uv=places, material=material)
-    return whole.export(file_type="glb", include_normals=True)
+    data = whole.export(file_type="glb", include_normals=True)
+    assert isinstance(data, bytes)
+    return data
 
 
 def _placed_shape(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:

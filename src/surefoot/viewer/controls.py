@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import viser
 
+from surefoot.disturbance import Push
 from surefoot.errors import UserError
 from surefoot.viewer.clip import SECONDS, save_clip
+from surefoot.viewer.live import dot
 from surefoot.viewer.session import FRICTION, horizontal_push
 from surefoot.viewer.source import offered_policies
 from surefoot.viewer.stage import CAPTURED, COM, ESCAPED, FORCE, PRESSURE, PUSH, SUPPORT
@@ -20,11 +22,13 @@ if TYPE_CHECKING:
 
 CROWDS = ("1", "4", "16", "36", "64")
 _OTHER = "other ..."
+_KEYS = {"space": "pause", "N": "one step", "R": "reset", "F": "follow", "X": "see through"}
 _HELP = (
     '<div style="font:13px/1.5 system-ui,sans-serif;padding:6px 12px 4px">'
     "<b>Drag</b> any part of the robot with the mouse, press an <b>arrow key</b>, or press <b>Push</b>."
-    '<div style="opacity:.65;font-size:12px"><b>space</b> pause · <b>N</b> one step · <b>R</b> reset · <b>F</b> follow · <b>X</b> see through<br>'
-    "drag the floor to turn the view, wheel to zoom</div></div>"
+    '<div style="opacity:.65;font-size:12px">'
+    + " · ".join(f'<span style="white-space:nowrap"><b>{key}</b> {what}</span>' for key, what in _KEYS.items())
+    + "<br>drag the floor to turn the view, wheel to zoom</div></div>"
 )
 
 
@@ -91,7 +95,7 @@ class Controls:
             else:
                 page.push(lambda session: session.lift_and_push(push))
 
-    def _chosen_push(self):
+    def _chosen_push(self) -> Push:
         return horizontal_push(self.body, float(self._angle.value), self.impulse, self.duration)
 
     def _add_policy(self) -> None:
@@ -163,7 +167,7 @@ class Controls:
     def _reset(self) -> None:
         page = self._page
         page.history.clear()
-        page.player.do(lambda session: session.reset() and None)
+        page.player.do(lambda session: session.reset())
 
     def _send_clip(self, client: viser.ClientHandle) -> None:
         page = self._page
@@ -200,23 +204,25 @@ class Controls:
 
     def _add_keys(self) -> None:
         page, gui = self._page, self._gui
-        arrows = (("arrowup", 0, 1), ("arrowdown", 0, -1), ("arrowleft", -1, 0), ("arrowright", 1, 0))
-        for key, right, away in arrows:
-            command = gui.add_command(f"Push {key.removeprefix('arrow')} on the screen", hotkey=key)
+        self._push_by(gui.add_command("Push away from the viewer", hotkey="arrowup"), 0, 1)
+        self._push_by(gui.add_command("Push towards the viewer", hotkey="arrowdown"), 0, -1)
+        self._push_by(gui.add_command("Push to the left on the screen", hotkey="arrowleft"), -1, 0)
+        self._push_by(gui.add_command("Push to the right on the screen", hotkey="arrowright"), 1, 0)
+        gui.add_command("Pause or go on", hotkey="space").on_trigger(lambda _: self._pause())
+        gui.add_command("One step", hotkey="N").on_trigger(lambda _: page.player.single_step())
+        gui.add_command("Reset", hotkey="R").on_trigger(lambda _: self._reset())
+        gui.add_command("Camera follows", hotkey="F").on_trigger(lambda _: _toggle(self._follow))
+        gui.add_command("See through", hotkey="X").on_trigger(lambda _: _toggle(self._see_through))
 
-            @command.on_trigger
-            def _(event: viser.CommandEvent, right: int = right, away: int = away) -> None:
-                if event.client:
-                    page.push_from_screen(event.client, right, away, self)
+    def _push_by(self, command: viser.CommandHandle, right: int, away: int) -> None:
+        @command.on_trigger
+        def _(event: viser.CommandEvent) -> None:
+            if event.client:
+                self._page.push_from_screen(event.client, right, away, self)
 
-        for label, key, action in (
-            ("Pause or go on", "space", self._pause),
-            ("One step", "N", page.player.single_step),
-            ("Reset", "R", self._reset),
-            ("Camera follows", "F", lambda: setattr(self._follow, "value", not self._follow.value)),
-            ("See through", "X", lambda: setattr(self._see_through, "value", not self._see_through.value)),
-        ):
-            gui.add_command(label, hotkey=key).on_trigger(lambda _, action=action: action())
+
+def _toggle(box: viser.GuiCheckboxHandle) -> None:
+    box.value = not box.value
 
 
 def _legend_html() -> str:
@@ -229,6 +235,5 @@ def _legend_html() -> str:
         (PRESSURE, "centre of pressure"),
         (FORCE, "foot force"),
     )
-    rows = "".join(f'<div><span style="color:rgb{color}">●</span> {words}</div>' for color, words in marks)
+    rows = "".join(f"<div>{dot(color)} {words}</div>" for color, words in marks)
     return f'<div style="font:13px/1.5 system-ui,sans-serif;padding:2px 12px 6px">{rows}</div>'
-

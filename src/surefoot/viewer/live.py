@@ -158,7 +158,7 @@ def status_html(session: Session, watched: int, policy: str, rates: str) -> str:
     if session.num_robots > 1:
         counts = [(int((verdicts.state == s).sum()), _WORDS[s][0].lower(), STATE_COLORS[s]) for s in State]
         crowd = "".join(
-            f'<span style="margin-right:9px;white-space:nowrap"><span style="color:rgb{color}">●</span> {n} {name}</span>'
+            f'<span style="margin-right:9px;white-space:nowrap">{dot(color)} {n} {name}</span>'
             for n, name, color in counts
             if n
         )
@@ -175,6 +175,11 @@ def status_html(session: Session, watched: int, policy: str, rates: str) -> str:
         f'<div style="opacity:.75;margin-top:4px">{escape(policy)}</div>'
         f'<div data-surefoot="rates" style="opacity:.55;font-size:12px">{escape(rates)}</div></div>'
     )
+
+
+def dot(color: tuple[int, int, int]) -> str:
+    """A coloured dot, as HTML."""
+    return f'<span style="color:rgb{color}">●</span>'
 
 
 def torques_html(robot: Robot, ticks: Ticks, watched: int, peak: np.ndarray) -> str:
@@ -202,7 +207,8 @@ def _torque_row(name: str, share: float, limit: float, peak: float) -> str:
         'border-radius:4px"></span>'
         f'<span style="position:absolute;left:{min(peak, 1.0) * 100.0:.1f}%;top:-1px;height:10px;width:2px;'
         'background:#d64545;opacity:.7"></span></span>'
-        f'<span style="width:86px;text-align:right;opacity:.65;white-space:nowrap">{abs(share) * limit:.0f} / {limit:.0f} Nm</span></div>'
+        '<span style="width:86px;text-align:right;opacity:.65;white-space:nowrap">'
+        f"{abs(share) * limit:.0f} / {limit:.0f} Nm</span></div>"
     )
 
 
@@ -212,11 +218,18 @@ def _series(label: str, ink: str) -> uplot.Series:
         label=label,
         stroke=ink,
         width=1.0 if is_edge else 2.0,
-        dash=[4, 4] if is_edge else [],
+        dash=(4.0, 4.0) if is_edge else (),
         points={"show": False},
     )
 
 
 def _axis(size: int, space: int) -> uplot.Axis:
-    grid = {"stroke": "rgba(120,130,150,.16)"}
-    return uplot.Axis(stroke="#7b8796", size=size, space=space, font="10px system-ui", grid=grid, ticks=grid)
+    faint = "rgba(120,130,150,.16)"
+    return uplot.Axis(
+        stroke="#7b8796",
+        size=size,
+        space=space,
+        font="10px system-ui",
+        grid={"stroke": faint},
+        ticks={"stroke": faint},
+    )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import socket
-import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import viser
@@ -26,6 +27,8 @@ HAND_FORCE = 800.0
 """Its largest force [N]."""
 _FIELD_OF_VIEW = 38.0
 _HORIZON, _ZENITH = (206, 214, 224), (138, 152, 171)
+_HINT = "Drag me with the mouse, or press an arrow key"
+_HINT_CROWD = "Press an arrow key: all get the same push. Click one to watch it"
 _PANEL_HZ = 8.0
 _POLL_S = 1.0
 # viser turns the camera by the arrow keys too: they stop here, below the document at which it listens.
@@ -64,15 +67,13 @@ class Page:
         self.see_through = False
         self.history = History()
         self.clip = ClipRecorder()
-        self._lock = threading.Lock()
+        self._is_pushed = False
         self._last_panel = self._last_poll = 0.0
         self._seen_steps = -1
-        self._hands: dict[int, tuple[int, np.ndarray]] = {}
         self.server = viser.ViserServer(host=host, port=port, label="surefoot", verbose=False)
         self.player = Player(session, self._show, lambda: bool(self.server.get_clients()))
         self._light()
         self.stage = self._build_stage(session)
-        self._hint = self._add_hint()
         self._build_panels(runs)
         self.player.start()
 
@@ -141,12 +142,12 @@ class Page:
         push = horizontal_push(controls.body, angle, controls.impulse, controls.duration)
         self.push(lambda session: session.push(push) if not session.is_pushed() else None)
 
-    def push(self, action) -> None:
+    def push(self, action: Callable[[Session], object]) -> None:
         """Do something that disturbs the robots; the hint has done its work then."""
-        self._hint.visible = False
+        self._is_pushed, self._hint.visible = True, False
         self.player.do(action)
 
-    def tell(self, message: str, title: str = "surefoot", color: str = "gray") -> None:
+    def tell(self, message: str, title: str = "surefoot", color: Literal["gray", "red"] = "gray") -> None:
         """A notification in every browser."""
         for client in self.server.get_clients().values():
             client.add_notification(title=title, body=message, auto_close_seconds=6.0, color=color)
@@ -193,6 +194,8 @@ class Page:
     def _build_stage(self, session: Session) -> Stage:
         with self.server.atomic():
             stage = Stage(self.server, session.robot, session.num_robots, self.see_through)
+            self._add_key_light(session.num_robots)
+            self._hint = stage.add_hint("" if self._is_pushed else _HINT_CROWD if session.num_robots > 1 else _HINT)
         for body, handle in stage.bodies.items():
             self._listen(body, handle)
         return stage
@@ -224,26 +227,21 @@ class Page:
         scene.configure_environment_map("studio", environment_intensity=0.3)
         scene.configure_default_lights(enabled=False)
         scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 160, 175), intensity=0.7)
-        scene.add_light_spot(
-            "/light/key",
-            position=(3.5, 3.0, 7.0),
-            direction=(-0.42, -0.36, -0.83),
-            intensity=75.0,
-            angle=0.5,
-            penumbra=1.0,
-            cast_shadow=True,
-        )
         camera = self.server.initial_camera
         camera.fov = float(np.radians(_FIELD_OF_VIEW))
         camera.position, camera.look_at = camera_place(self.player.session.num_robots)
 
-    def _add_hint(self) -> viser.LabelHandle:
-        return self.server.scene.add_label(
-            "/hint",
-            "Drag me with the mouse, or press an arrow key",
-            position=(0.0, 0.0, 2.08),
-            anchor="bottom-center",
-            font_screen_scale=1.3,
+    def _add_key_light(self, num_robots: int) -> None:
+        """A soft spot from the front left, far enough to cover all robots; it casts the shadows."""
+        away = 1.0 + 0.5 * (np.ceil(np.sqrt(num_robots)) - 1.0)
+        self.server.scene.add_light_spot(
+            "/light/key",
+            position=(3.5 * away, 3.0 * away, 7.0 * away),
+            direction=(-0.42, -0.36, -0.83),
+            intensity=75.0 * away**2,
+            angle=0.5,
+            penumbra=1.0,
+            cast_shadow=True,
         )
 
     def _build_panels(self, runs: Path) -> None:
@@ -273,12 +271,14 @@ def check_port(host: str, port: int) -> None:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind((host, port))
     except (OSError, OverflowError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise UserError(f"cannot listen on {host}:{port}: {reason}; choose another --port") from error
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        raise UserError(
+            f"cannot listen on {host}:{port}: {reason}; valid: a free --port, such as {port + 1}"
+        ) from error
 
 
 def camera_place(num_robots: int) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Position of the camera, and what it looks at [m]: all of one robot, or the middle of a crowd."""
     side = float(np.ceil(np.sqrt(num_robots))) - 1.0
-    away = 1.0 + 0.95 * side
-    return (3.6 * away, 2.5 * away, 1.45 + 1.6 * side), (0.0, 0.0, 0.93)
+    away = 1.0 + 0.72 * side
+    return (3.6 * away, 2.5 * away, 1.45 + 1.1 * side), (0.0, 0.0, 0.93)

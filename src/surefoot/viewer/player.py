@@ -28,7 +28,7 @@ class Player:
     Args:
         session: what is played.
         show: called for every frame with the session and the tick of its last step to show.
-        wait: called when nobody watches; nothing is simulated meanwhile.
+        is_watched: does anybody look? Nothing is simulated meanwhile if not.
 
     Attributes:
         paused: by the user.
@@ -45,7 +45,7 @@ class Player:
         self.frame_rate = 0.0
         self._show = show
         self._is_watched = is_watched
-        self._asked: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
+        self._asked: queue.SimpleQueue[Callable[[Session], object]] = queue.SimpleQueue()
         self._position = float(TICKS_PER_STEP)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
@@ -55,7 +55,7 @@ class Player:
         """The frame rate that is aimed at."""
         return 50 if self.session.num_robots <= FEW else 25
 
-    def do(self, action: Callable[[Session], None]) -> None:
+    def do(self, action: Callable[[Session], object]) -> None:
         """Do something to the session before the next frame; its errors become the session's message."""
         self._asked.put(action)
 

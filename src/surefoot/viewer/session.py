@@ -256,4 +256,3 @@ def horizontal_push(body: str, angle_deg: float, impulse: float, duration: float
     """A horizontal push; angle from forward (+x), counter-clockwise [deg]."""
     angle = np.radians(angle_deg)
     return Push(body, (float(np.cos(angle)), float(np.sin(angle)), 0.0), impulse, 0.0, duration)
-

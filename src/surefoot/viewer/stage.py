@@ -96,6 +96,13 @@ class Stage:
         """A point of the browser's coordinates in those of the simulation [m]."""
         return np.asarray(point) - self.offset
 
+    def add_hint(self, text: str) -> viser.LabelHandle:
+        """Words above the first robot."""
+        place = self.places[0] + [0.0, 0.0, 2.05]
+        return self._server.scene.add_label(
+            f"{_ROOT}/hint", text, position=place, visible=bool(text), anchor="bottom-center", font_screen_scale=1.2
+        )
+
     def remove(self) -> None:
         self._world.remove()  # and all that is below it
 
@@ -136,6 +143,8 @@ class Stage:
             fade_distance=40.0,
             fade_strength=1.0,
         )
+        if self.num_robots > 1:
+            return  # distances from which of them?
         for axis, name in ((0, "forward"), (1, "left")):
             for meters in (1, 2, 3, 4):
                 place = np.zeros(3)
