@@ -222,7 +222,7 @@ class Controls:
 
 
 def _toggle(box: viser.GuiCheckboxHandle) -> None:
-    box.value = not box.value
+    box.value = not box.value  # type: ignore[misc] # viser declares the setter where mypy does not look
 
 
 def _legend_html() -> str:

@@ -46,7 +46,7 @@ class Player:
         self._show = show
         self._is_watched = is_watched
         self._asked: queue.SimpleQueue[Callable[[Session], object]] = queue.SimpleQueue()
-        self._position = float(TICKS_PER_STEP)
+        self._position = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
 
