@@ -237,7 +237,7 @@ def test_real_time_is_two_frames_a_policy_step_and_slow_motion_shows_every_tick(
     shown.clear()
     for _ in range(20):
         player.frame()
-    assert session.num_steps - before == 27
+    assert session.num_steps - before == 26
     assert len(set(shown)) >= 19
 
 

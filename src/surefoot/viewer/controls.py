@@ -58,6 +58,9 @@ class Controls:
     def impulse(self) -> float:
         return float(self._impulse.value)
 
+    def set_impulse(self, impulse: float) -> None:
+        self._impulse.value = impulse
+
     @property
     def duration(self) -> float:
         return float(self._duration.value)

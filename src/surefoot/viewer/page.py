@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import rich
 import viser
 
 from surefoot.errors import UserError
@@ -70,7 +72,8 @@ class Page:
         self._is_pushed = False
         self._last_panel = self._last_poll = 0.0
         self._seen_steps = -1
-        self.server = viser.ViserServer(host=host, port=port, label="surefoot", verbose=False)
+        with _quiet():
+            self.server = viser.ViserServer(host=host, port=port, label="surefoot", verbose=False)
         self.player = Player(session, self._show, lambda: bool(self.server.get_clients()))
         self._light()
         self.stage = self._build_stage(session)
@@ -86,7 +89,8 @@ class Page:
     def close(self) -> None:
         """Stop the robots, then the server."""
         self.player.stop()
-        self.server.stop()
+        with _quiet():
+            self.server.stop()
 
     # What the panel and the keys ask for.
 
@@ -144,8 +148,12 @@ class Page:
 
     def push(self, action: Callable[[Session], object]) -> None:
         """Do something that disturbs the robots; the hint has done its work then."""
-        self._is_pushed, self._hint.visible = True, False
-        self.player.do(action)
+
+        def disturb(session: Session) -> None:
+            self._is_pushed, self._hint.visible = True, False
+            action(session)
+
+        self.player.do(disturb)
 
     def tell(self, message: str, title: str = "surefoot", color: Literal["gray", "red"] = "gray") -> None:
         """A notification in every browser."""
@@ -223,7 +231,6 @@ class Page:
         scene = self.server.scene
         scene.set_up_direction("+z")
         scene.set_background_image(_sky(), format="png")
-        scene.configure_fog(near=9.0, far=34.0, color=_HORIZON)
         scene.configure_environment_map("studio", environment_intensity=0.3)
         scene.configure_default_lights(enabled=False)
         scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 160, 175), intensity=0.7)
@@ -255,6 +262,17 @@ class Page:
             self.live = LivePanel(self.server)
         panel.dock_left()
         panel.set_width(340)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """viser greets and says goodbye through rich's own console, which nobody else uses."""
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before
 
 
 def _sky(height: int = 256) -> np.ndarray:

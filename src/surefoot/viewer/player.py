@@ -55,6 +55,11 @@ class Player:
         """The frame rate that is aimed at."""
         return 50 if self.session.num_robots <= FEW else 25
 
+    @property
+    def is_alive(self) -> bool:
+        """Does its thread run?"""
+        return self._thread.is_alive()
+
     def do(self, action: Callable[[Session], object]) -> None:
         """Do something to the session before the next frame; its errors become the session's message."""
         self._asked.put(action)
