@@ -166,14 +166,14 @@ def test_two_browsers_share_the_robots_and_one_that_leaves_in_mid_push_lets_go(t
 
 def test_a_fallen_robot_can_be_reset(tab, page):
     page.player.do(lambda session: setattr(session, "stands_up", False))
-    page.controls.set_impulse(480.0)
+    page.controls.set_impulse(480)
     press(tab, "Push")
     assert until(lambda: says(tab, "Fell"))
     press(tab, "Reset")
     assert until(lambda: says(tab, "Standing"))
     assert until(lambda: pelvis(page)[2] > 0.9)
     page.player.do(lambda session: setattr(session, "stands_up", True))
-    page.controls.set_impulse(90.0)
+    page.controls.set_impulse(90)
 
 
 def test_pause_step_and_slow_motion(tab, page):

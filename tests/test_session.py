@@ -51,7 +51,8 @@ def test_a_push_is_recovered_from_told_and_counted(session):
     session.push(horizontal_push("pelvis", 0.0, 120.0))
     session.step()
     assert states(session) == [State.RECOVERING]
-    assert session.force(0)[0] == pytest.approx([1000.0, 0.0, 0.0])
+    assert session.last_force[0] == pytest.approx([1000.0, 0.0, 0.0])
+    assert session.since_push(0)[0] == pytest.approx(-0.12)
     live(session, 5.0)
     assert states(session) == [State.RECOVERED]
     assert (session.verdicts.recovered, session.verdicts.fallen) == (1, 0)
@@ -84,11 +85,15 @@ def test_a_fallen_robot_stays_down_if_told_so_until_it_is_reset(session):
 def test_a_push_in_the_future_begins_at_its_tick(session):
     session.push(Push("torso", (0.0, 1.0, 0.0), impulse=10.0, start=0.05, duration=0.01))
     session.step()
-    assert not session.force(0).any()
+    assert session.since_push(19)[0] == np.inf
     session.step()
     # 0.05 s is tick 25: the fifth of the second step; five ticks long.
-    assert [bool(session.force(tick).any()) for tick in (4, 5, 9, 10)] == [False, True, True, False]
-    assert session.pushed_body()[0] == session.robot.body_id("torso")
+    wrench = session.loop.simulation.wrench[0, :, session.robot.body_id("torso"), 1]
+    assert wrench == pytest.approx([0.0] * 5 + [1000.0] * 5 + [0.0] * 10)
+    assert session.since_push(4)[0] == np.inf
+    assert session.since_push(5)[0] == pytest.approx(-0.01)
+    assert session.since_push(12)[0] == pytest.approx(0.004)
+    assert session.pushed_body[0] == session.robot.body_id("torso")
 
 
 def test_an_unknown_body_is_refused_when_asked_for(session):
@@ -110,7 +115,8 @@ def test_lift_and_push_pushes_in_the_air(session):
     pushed_in_air = False
     for _ in range(15):
         session.step()
-        pushed_in_air |= session.force(10)[0, 0] > 0.0 and not session.ticks.foot_contact[0, 10].any()
+        is_pushed = session.since_push(10)[0] < 0.0 and session.last_force[0, 0] > 0.0
+        pushed_in_air |= is_pushed and not session.ticks.foot_contact[0, 10].any()
     assert pushed_in_air
     assert pelvis(session)[0, 2] > height
     assert states(session) == [State.RECOVERING]
@@ -120,11 +126,12 @@ def test_a_hand_pulls_until_it_lets_go(session):
     body = session.robot.body_id("torso")
     session.pull(0, body, np.array([0.0, 60.0, 0.0]))
     live(session, 0.4)
-    assert session.force(3)[0] == pytest.approx([0.0, 60.0, 0.0])
+    assert session.last_force[0] == pytest.approx([0.0, 60.0, 0.0])
+    assert session.since_push(19)[0] < 0.0
     assert pelvis(session)[0, 1] > 0.005
     session.release(0)
     live(session, 0.08)
-    assert not session.force(3).any()
+    assert session.since_push(19)[0] > 0.0
     assert states(session) == [State.RECOVERING]
 
 

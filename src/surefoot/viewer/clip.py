@@ -24,7 +24,7 @@ SIZE = (960, 720)
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A moment with what pushed the robot last; the moment's time counts from that push's beginning [s]."""
+    """A moment, and its robot's last push as one of 40 ms with the same end, from whose start the time counts [s]."""
 
     moment: Moment
     push: Push | None
@@ -35,24 +35,21 @@ class ClipRecorder:
 
     def __init__(self) -> None:
         self._shots: deque[Shot] = deque(maxlen=round(SECONDS * POLICY_HZ))
-        self._push: Push | None = None
-        self._since = 0.0
 
     def clear(self) -> None:
         self._shots.clear()
 
     def add(self, session: Session, robot: int) -> None:
         """Remember the last tick of the session's last step."""
-        force = session.force(-1)[robot]
+        force, since = session.last_force[robot], float(session.since_push(-1)[robot])
         strength = float(np.linalg.norm(force))
-        self._since += POLICY_DT
-        if strength > 1.0:
+        push = None
+        if since < np.inf and strength > 1.0:
             direction = tuple((force / strength).tolist())
-            body = _pushable(session.robot, int(session.pushed_body()[robot]))
-            self._push = Push(body, direction, strength * POLICY_DT, duration=POLICY_DT)
-            self._since = 0.0
-        moment = dataclasses.replace(Moment.of(session.ticks, robot), time=self._since)
-        self._shots.append(Shot(moment, self._push))
+            body = _pushable(session.robot, int(session.pushed_body[robot]))
+            push = Push(body, direction, strength * POLICY_DT, duration=POLICY_DT)
+        moment = dataclasses.replace(Moment.of(session.ticks, robot), time=max(since + POLICY_DT, 0.0))
+        self._shots.append(Shot(moment, push))
 
     def shots(self) -> tuple[Shot, ...]:
         return tuple(self._shots)

@@ -12,10 +12,8 @@ import viser
 from surefoot.disturbance import Push
 from surefoot.errors import UserError
 from surefoot.viewer.clip import SECONDS, save_clip
-from surefoot.viewer.live import dot
 from surefoot.viewer.session import FRICTION, horizontal_push
 from surefoot.viewer.source import offered_policies
-from surefoot.viewer.stage import CAPTURED, COM, ESCAPED, FORCE, PRESSURE, PUSH, SUPPORT
 
 if TYPE_CHECKING:
     from surefoot.viewer.page import Page
@@ -58,8 +56,9 @@ class Controls:
     def impulse(self) -> float:
         return float(self._impulse.value)
 
-    def set_impulse(self, impulse: float) -> None:
-        self._impulse.value = impulse
+    def set_impulse(self, impulse: int) -> None:
+        """Move the slider [Ns]."""
+        self._impulse.value = impulse  # type: ignore[misc] # as in _toggle
 
     @property
     def duration(self) -> float:
@@ -87,7 +86,7 @@ class Controls:
             push = self._chosen_push()
             page.push(lambda session: session.push(push))
 
-        height = gui.add_slider("Drop height [m]", min=0.05, max=0.6, step=0.05, initial_value=0.3)
+        height = gui.add_slider("Height [m]", min=0.05, max=0.6, step=0.05, initial_value=0.3)
         drop = gui.add_button_group("", ("Drop", "Lift and push"))
 
         @drop.on_click
@@ -121,7 +120,7 @@ class Controls:
         crowd.on_update(lambda _: page.set_num_robots(int(crowd.value)))
         noise = gui.add_slider("Noise [%]", min=0, max=100, step=10, initial_value=0, hint="of the paper's noise")
         friction = gui.add_slider("Friction", min=0.1, max=1.5, step=0.05, initial_value=FRICTION)
-        stands_up = gui.add_checkbox("Stand up after a fall", initial_value=True)
+        stands_up = gui.add_checkbox("Stand up again", initial_value=True, hint="after a fall, by itself")
 
         @noise.on_update
         def _(_: viser.GuiEvent) -> None:
@@ -187,9 +186,9 @@ class Controls:
 
     def _add_view(self) -> None:
         page, gui = self._page, self._gui
-        self._follow = gui.add_checkbox("Camera follows", initial_value=page.follow)
+        self._follow = gui.add_checkbox("Follow", initial_value=page.follow)
         self._see_through = gui.add_checkbox("See through", initial_value=page.see_through)
-        overlays = gui.add_checkbox("Forces and points", initial_value=True)
+        overlays = gui.add_checkbox("Marks", initial_value=True)
 
         @self._follow.on_update
         def _(_: viser.GuiEvent) -> None:
@@ -202,8 +201,6 @@ class Controls:
         @overlays.on_update
         def _(_: viser.GuiEvent) -> None:
             page.set_overlays(bool(overlays.value))
-
-        gui.add_html(_legend_html())
 
     def _add_keys(self) -> None:
         page, gui = self._page, self._gui
@@ -226,17 +223,3 @@ class Controls:
 
 def _toggle(box: viser.GuiCheckboxHandle) -> None:
     box.value = not box.value  # type: ignore[misc] # viser declares the setter where mypy does not look
-
-
-def _legend_html() -> str:
-    marks = (
-        (PUSH, "push"),
-        (COM, "CoM, and its place on the ground"),
-        (CAPTURED, "capture point within the support"),
-        (ESCAPED, "capture point beyond it"),
-        (SUPPORT, "support polygon"),
-        (PRESSURE, "centre of pressure"),
-        (FORCE, "foot force"),
-    )
-    rows = "".join(f"<div>{dot(color)} {words}</div>" for color, words in marks)
-    return f'<div style="font:13px/1.5 system-ui,sans-serif;padding:2px 12px 6px">{rows}</div>'

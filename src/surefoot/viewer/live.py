@@ -13,7 +13,7 @@ from surefoot.observation import to_heading
 from surefoot.robot import Robot
 from surefoot.simulation import POLICY_HZ, Ticks
 from surefoot.viewer.session import Session
-from surefoot.viewer.stage import STATE_COLORS
+from surefoot.viewer.stage import CAPTURED, COM, ESCAPED, FORCE, PRESSURE, PUSH, STATE_COLORS, SUPPORT
 from surefoot.viewer.verdict import State
 
 SECONDS = 6.0
@@ -23,7 +23,7 @@ _COM_INK, _CAPTURE_INK, _EDGE_INK, _ROLL_INK, _PITCH_INK = (
     *("#d99a00", "#1f9d55", "#9aa7b8"),
     *("#2d7dd2", "#8e44ad"),
 )
-_PLOT_HEIGHT = 92
+_PLOT_HEIGHT = 100
 _WORDS = {
     State.STANDING: ("Standing", "push it"),
     State.RECOVERING: ("Recovering", ""),
@@ -93,13 +93,14 @@ class LivePanel:
                     "x": uplot.Scale(time=False, range=(-SECONDS, 0.0)),
                     "y": uplot.Scale(range=(-limit, limit)),
                 },
-                axes=(_axis(18, space=60), _axis(34, space=18)),
+                axes=(_axis(26, space=60), _axis(34, space=18)),
                 legend=uplot.Legend(show=False),
                 cursor=uplot.Cursor(show=False),
                 height=_PLOT_HEIGHT,
                 padding=(4, 8, 0, 0),
             )
         self._torques = gui.add_html("")
+        gui.add_html(legend_html())
 
     def show(self, session: Session, history: History, watched: int, policy: str, rates: str) -> None:
         """Bring everything up to date; `policy` and `rates` are a line each."""
@@ -177,6 +178,24 @@ def status_html(session: Session, watched: int, policy: str, rates: str) -> str:
     )
 
 
+def legend_html() -> str:
+    """What the marks in the scene mean."""
+    marks = (
+        (PUSH, "push"),
+        (FORCE, "foot force"),
+        (COM, "CoM, also on the ground"),
+        (PRESSURE, "centre of pressure"),
+        (CAPTURED, "capture point, captured"),
+        (SUPPORT, "support polygon"),
+        (ESCAPED, "capture point, beyond"),
+    )
+    cells = "".join(f"<div>{dot(color)} {words}</div>" for color, words in marks)
+    return (
+        '<div style="font:12px/1.5 system-ui,sans-serif;padding:2px 12px 8px;display:grid;'
+        f'grid-template-columns:1fr 1fr;white-space:nowrap">{cells}</div>'
+    )
+
+
 def dot(color: tuple[int, int, int]) -> str:
     """A coloured dot, as HTML."""
     return f'<span style="color:rgb{color}">●</span>'
@@ -201,7 +220,7 @@ def _torque_row(name: str, share: float, limit: float, peak: float) -> str:
     width, color = min(abs(share), 1.0) * 100.0, "#d64545" if abs(share) > 0.95 else "#4a7fb5"
     return (
         '<div style="display:flex;align-items:center;height:14px">'
-        f'<span style="width:98px;opacity:.8;white-space:nowrap">{name.replace("_", " ")}</span>'
+        f'<span style="width:106px;opacity:.8;white-space:nowrap">{name.replace("_", " ")}</span>'
         '<span style="flex:1;position:relative;height:8px;background:rgba(128,140,160,.22);border-radius:4px">'
         f'<span style="position:absolute;left:0;top:0;height:8px;width:{width:.1f}%;background:{color};'
         'border-radius:4px"></span>'

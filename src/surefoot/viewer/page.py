@@ -71,10 +71,9 @@ class Page:
         self.clip = ClipRecorder()
         self._is_pushed = False
         self._last_panel = self._last_poll = 0.0
-        self._seen_steps = -1
         with _quiet():
             self.server = viser.ViserServer(host=host, port=port, label="surefoot", verbose=False)
-        self.player = Player(session, self._show, lambda: bool(self.server.get_clients()))
+        self.player = Player(session, self._show, lambda: bool(self.server.get_clients()), self._remember)
         self._light()
         self.stage = self._build_stage(session)
         self._build_panels(runs)
@@ -163,13 +162,7 @@ class Page:
     # What the player shows.
 
     def _show(self, session: Session, tick: int) -> None:
-        if self.watched >= session.num_robots:
-            self.watched = 0
         self.stage.draw(session, tick, self.watched, self.follow)
-        if session.num_steps != self._seen_steps:
-            self._seen_steps = session.num_steps
-            self.history.add(session, self.watched)
-            self.clip.add(session, self.watched)
         now = time.monotonic()
         if now - self._last_panel > 1.0 / _PANEL_HZ:
             self._last_panel = now
@@ -181,6 +174,10 @@ class Page:
         if now - self._last_poll > _POLL_S:
             self._last_poll = now
             self._look_for_news(session)
+
+    def _remember(self, session: Session) -> None:
+        self.history.add(session, self.watched)
+        self.clip.add(session, self.watched)
 
     def _rates(self) -> str:
         player = self.player
@@ -298,5 +295,5 @@ def check_port(host: str, port: int) -> None:
 def camera_place(num_robots: int) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     """Position of the camera, and what it looks at [m]: all of one robot, or the middle of a crowd."""
     side = float(np.ceil(np.sqrt(num_robots))) - 1.0
-    away = 1.0 + 0.72 * side
+    away = 1.0 + 0.8 * side
     return (3.6 * away, 2.5 * away, 1.45 + 1.1 * side), (0.0, 0.0, 0.93)

@@ -29,6 +29,7 @@ class Player:
         session: what is played.
         show: called for every frame with the session and the tick of its last step to show.
         is_watched: does anybody look? Nothing is simulated meanwhile if not.
+        on_step: called with the session after every policy step.
 
     Attributes:
         paused: by the user.
@@ -37,7 +38,13 @@ class Player:
         frame_rate: frames per second over the last second.
     """
 
-    def __init__(self, session: Session, show: Callable[[Session, int], None], is_watched: Callable[[], bool]):
+    def __init__(
+        self,
+        session: Session,
+        show: Callable[[Session, int], None],
+        is_watched: Callable[[], bool],
+        on_step: Callable[[Session], None] = lambda session: None,
+    ):
         self.session = session
         self.paused = False
         self.speed = 1.0
@@ -45,6 +52,7 @@ class Player:
         self.frame_rate = 0.0
         self._show = show
         self._is_watched = is_watched
+        self._on_step = on_step
         self._asked: queue.SimpleQueue[Callable[[Session], object]] = queue.SimpleQueue()
         self._position = 0.0
         self._stop = threading.Event()
@@ -91,6 +99,7 @@ class Player:
 
     def _step(self) -> None:
         self.session.step()
+        self._on_step(self.session)
         self._position = TICKS_PER_STEP - 1.0 if self.paused else max(self._position - TICKS_PER_STEP, 0.0)
 
     def _do_what_was_asked(self) -> None:

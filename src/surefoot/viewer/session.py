@@ -173,17 +173,23 @@ class Session:
                 self.reset(np.flatnonzero(down))
         return self.ticks
 
-    def force(self, tick: int) -> np.ndarray:
-        """What pushes each robot at a tick of the last step: (num_robots, 3) [N]; zero without a push."""
-        wrench = self.loop.simulation.wrench[:, min(tick, TICKS_PER_STEP - 1), :, :3]
-        return wrench.sum(axis=1)
+    def since_push(self, tick: int) -> np.ndarray:
+        """At a tick of the last step, time since the end of each robot's last push (num_robots,) [s].
 
-    def time(self, tick: int) -> float:
-        """When a tick of the last step was [s], counted from the session's beginning."""
-        return ((self.num_steps - 1) * TICKS_PER_STEP + tick) / CONTROL_HZ
+        Negative while it lasts; infinite without one.
+        """
+        now = self.loop.tick - len(self.ticks) + tick % len(self.ticks)
+        pushes = self.loop.pushes
+        return np.where(now >= pushes.start, (now - pushes.end) / CONTROL_HZ, np.inf)
 
+    @property
+    def last_force(self) -> np.ndarray:
+        """Force of each robot's last push (num_robots, 3) [N]."""
+        return self.loop.pushes.force
+
+    @property
     def pushed_body(self) -> np.ndarray:
-        """MuJoCo ids (num_robots,) of the bodies that `force` acts on."""
+        """MuJoCo ids (num_robots,) of the bodies that it acts on."""
         return self.loop.pushes.body
 
     def strategies(self, robot: int) -> str:

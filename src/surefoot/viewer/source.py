@@ -54,7 +54,7 @@ class PolicySource:
         training = self.policy.contract.training
         if not training:
             return "no learning: the joints hold their nominal pose" if self.name == NOMINAL else ""
-        steps = training.get("steps")
+        steps = training.get("policy_steps")
         parts = [
             str(training.get("algorithm", "")),
             f"preset {training['preset']}" if "preset" in training else "",

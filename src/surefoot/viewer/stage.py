@@ -86,8 +86,8 @@ class Stage:
             for body, handle in self.bodies.items():
                 handle.batched_positions = self._xpos[body].astype(np.float32)
                 handle.batched_wxyzs = self._xquat[body].astype(np.float32)
-            centers = self._pushed[session.pushed_body(), np.arange(self.num_robots)]
-            self._marks.show_pushes(centers, session.force(tick), session.time(tick))
+            centers = self._pushed[session.pushed_body, np.arange(self.num_robots)]
+            self._marks.show_pushes(centers, session.last_force, session.since_push(tick))
             self._marks.show_states(self._xpos[1], session.verdicts.state if self.num_robots > 1 else None)
             moment = Moment.of(ticks, robot=watched, tick=tick)
             self._marks.show_balance(moment, self.places[watched], self.overlays)
@@ -183,8 +183,6 @@ class Marks:
         self._captured = scene.add_cylinder(f"{_ROOT}/capture_point", 0.05, 0.012, color=CAPTURED)
         self._escaped = scene.add_cylinder(f"{_ROOT}/capture_point_beyond", 0.05, 0.012, color=ESCAPED)
         self._pressure = scene.add_box(f"{_ROOT}/pressure", color=PRESSURE, dimensions=(0.05, 0.05, 0.016))
-        self._force = np.zeros((num_robots, 3))
-        self._pushed_at = np.full(num_robots, -np.inf)
         self._discs: viser.BatchedMeshHandle | None = None
         if num_robots > 1:
             disc = _disc(0.42)
@@ -194,25 +192,23 @@ class Marks:
                 np.tile([1.0, 0.0, 0.0, 0.0], (num_robots, 1)),
                 np.zeros((num_robots, 3)),
                 batched_colors=np.zeros((num_robots, 3), np.uint8),
-                opacity=0.55,
+                opacity=0.8,
                 cast_shadow=False,
                 lod="off",
             )
 
-    def show_pushes(self, centers: np.ndarray, force: np.ndarray, time: float) -> None:
-        """Arrows to body centres (N, 3) [m] for forces (N, 3) [N], and for a while after; `time` is the session's."""
-        pushed = np.linalg.norm(force, axis=1) > 1.0
-        self._force[pushed], self._pushed_at[pushed] = force[pushed], time
-        shown = np.abs(time - self._pushed_at) < _AFTERGLOW
+    def show_pushes(self, centers: np.ndarray, force: np.ndarray, since: np.ndarray) -> None:
+        """Arrows to body centres (N, 3) [m] for forces (N, 3) [N] that ended `since` (N,) [s] ago, or not yet."""
+        shown = (since < _AFTERGLOW) & (np.linalg.norm(force, axis=1) > 1.0)
         self._pushes.visible = bool(shown.any())
         if not shown.any():
             return
-        strength = np.linalg.norm(self._force[shown], axis=1)[:, None]
-        direction = self._force[shown] / strength
+        strength = np.linalg.norm(force[shown], axis=1)[:, None]
+        direction = force[shown] / strength
         tips = centers[shown] - _SURFACE * direction
         length = np.clip(strength * PUSH_LENGTH, 0.15, _MAX_PUSH)
         self._pushes.points = np.stack([tips - length * direction, tips], axis=1).astype(np.float32)
-        self._pushes.colors = np.where(pushed[shown, None], PUSH, PUSH_PAST).astype(np.uint8)
+        self._pushes.colors = np.where(since[shown, None] < 0.0, PUSH, PUSH_PAST).astype(np.uint8)
 
     def show_states(self, pelvis: np.ndarray, states: np.ndarray | None) -> None:
         """A disc in the colour of its state under each pelvis (N, 3) [m] of a crowd."""
