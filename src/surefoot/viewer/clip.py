@@ -19,7 +19,7 @@ from surefoot.video import write_film
 from surefoot.viewer.session import Session
 
 SECONDS = 8.0
-SIZE = (960, 720)
+SIZE = (640, 480)
 
 
 @dataclass(frozen=True, eq=False)

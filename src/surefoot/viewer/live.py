@@ -23,7 +23,7 @@ _COM_INK, _CAPTURE_INK, _EDGE_INK, _ROLL_INK, _PITCH_INK = (
     *("#d99a00", "#1f9d55", "#9aa7b8"),
     *("#2d7dd2", "#8e44ad"),
 )
-_PLOT_HEIGHT = 100
+_PLOT_HEIGHT = 84
 _WORDS = {
     State.STANDING: ("Standing", "push it"),
     State.RECOVERING: ("Recovering", ""),
@@ -93,11 +93,11 @@ class LivePanel:
                     "x": uplot.Scale(time=False, range=(-SECONDS, 0.0)),
                     "y": uplot.Scale(range=(-limit, limit)),
                 },
-                axes=(_axis(26, space=60), _axis(34, space=18)),
+                axes=(uplot.Axis(show=False), _axis()),
                 legend=uplot.Legend(show=False),
                 cursor=uplot.Cursor(show=False),
                 height=_PLOT_HEIGHT,
-                padding=(4, 8, 0, 0),
+                padding=(4, 8, 4, 0),
             )
         self._torques = gui.add_html("")
         gui.add_html(legend_html())
@@ -112,7 +112,7 @@ class LivePanel:
 
 _PLOTS = (
     (
-        "Forward [cm]",
+        "Forward [cm], 6 s",
         40.0,
         (
             ("com_x", "CoM", _COM_INK),
@@ -122,7 +122,7 @@ _PLOTS = (
         ),
     ),
     (
-        "Left [cm]",
+        "Left [cm], 6 s",
         40.0,
         (
             ("com_y", "CoM", _COM_INK),
@@ -131,7 +131,7 @@ _PLOTS = (
             ("right", "", _EDGE_INK),
         ),
     ),
-    ("Pelvis [deg]", 30.0, (("roll", "roll", _ROLL_INK), ("pitch", "pitch", _PITCH_INK))),
+    ("Pelvis [deg], 6 s", 30.0, (("roll", "roll", _ROLL_INK), ("pitch", "pitch", _PITCH_INK))),
 )
 """Title, range, and the curves: column of the history, word, colour."""
 
@@ -163,7 +163,7 @@ def status_html(session: Session, watched: int, policy: str, rates: str) -> str:
             for n, name, color in counts
             if n
         )
-        crowd = f'<div style="margin-top:6px">{crowd}</div>'
+        crowd = f'<div style="margin-top:6px;display:flex;flex-wrap:wrap">{crowd}</div>'
     return (
         '<div style="font:13px/1.45 system-ui,sans-serif;padding:2px 12px 6px">'
         f'<div data-surefoot="verdict" style="background:rgb({red},{green},{blue});color:white;border-radius:8px;'
@@ -211,7 +211,7 @@ def torques_html(robot: Robot, ticks: Ticks, watched: int, peak: np.ndarray) -> 
     )
     return (
         '<div style="font:12px/1.3 system-ui,sans-serif;padding:4px 12px 10px">'
-        '<div style="font-weight:600;font-size:13px;margin-bottom:4px">Joint torque, share of its limit</div>'
+        '<div style="font-weight:600;font-size:12px;margin-bottom:3px">Joint torque, share of its limit</div>'
         f"{rows}</div>"
     )
 
@@ -242,12 +242,12 @@ def _series(label: str, ink: str) -> uplot.Series:
     )
 
 
-def _axis(size: int, space: int) -> uplot.Axis:
+def _axis() -> uplot.Axis:
     faint = "rgba(120,130,150,.16)"
     return uplot.Axis(
         stroke="#7b8796",
-        size=size,
-        space=space,
+        size=34,
+        space=18,
         font="10px system-ui",
         grid={"stroke": faint},
         ticks={"stroke": faint},

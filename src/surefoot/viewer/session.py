@@ -183,6 +183,11 @@ class Session:
         return np.where(now >= pushes.start, (now - pushes.end) / CONTROL_HZ, np.inf)
 
     @property
+    def is_held(self) -> np.ndarray:
+        """Who is held by a hand, bool (num_robots,)."""
+        return np.isin(self.everyone, list(self._pulls))
+
+    @property
     def last_force(self) -> np.ndarray:
         """Force of each robot's last push (num_robots, 3) [N]."""
         return self.loop.pushes.force

@@ -21,8 +21,8 @@ PUSH_LENGTH = 0.7e-3
 """Length of push arrows [m/N]."""
 _MAX_PUSH = 1.4
 """Longest push arrow [m]."""
-_SURFACE = 0.16
-"""A push's arrow ends so far from the CoM of the pushed body [m]."""
+_SURFACE = 0.18
+"""A push's arrow ends so far from the CoM of the pushed body, a pull's begins there [m]."""
 _ROOT = "/world"
 
 # Darker than they shall look: the light brightens them.
@@ -87,7 +87,7 @@ class Stage:
                 handle.batched_positions = self._xpos[body].astype(np.float32)
                 handle.batched_wxyzs = self._xquat[body].astype(np.float32)
             centers = self._pushed[session.pushed_body, np.arange(self.num_robots)]
-            self._marks.show_pushes(centers, session.last_force, session.since_push(tick))
+            self._marks.show_pushes(centers, session.last_force, session.since_push(tick), session.is_held)
             self._marks.show_states(self._xpos[1], session.verdicts.state if self.num_robots > 1 else None)
             moment = Moment.of(ticks, robot=watched, tick=tick)
             self._marks.show_balance(moment, self.places[watched], self.overlays)
@@ -197,16 +197,19 @@ class Marks:
                 lod="off",
             )
 
-    def show_pushes(self, centers: np.ndarray, force: np.ndarray, since: np.ndarray) -> None:
-        """Arrows to body centres (N, 3) [m] for forces (N, 3) [N] that ended `since` (N,) [s] ago, or not yet."""
+    def show_pushes(self, centers: np.ndarray, force: np.ndarray, since: np.ndarray, is_held: np.ndarray) -> None:
+        """Arrows to body centres (N, 3) [m] for forces (N, 3) [N] that ended `since` (N,) [s] ago, or not yet.
+
+        A push comes from behind the body, a hand that holds it (N,) pulls away from it.
+        """
         shown = (since < _AFTERGLOW) & (np.linalg.norm(force, axis=1) > 1.0)
         self._pushes.visible = bool(shown.any())
         if not shown.any():
             return
         strength = np.linalg.norm(force[shown], axis=1)[:, None]
         direction = force[shown] / strength
-        tips = centers[shown] - _SURFACE * direction
-        length = np.clip(strength * PUSH_LENGTH, 0.15, _MAX_PUSH)
+        length = np.clip(strength * PUSH_LENGTH, 0.2, _MAX_PUSH)
+        tips = centers[shown] + np.where(is_held[shown, None], _SURFACE + length, -_SURFACE) * direction
         self._pushes.points = np.stack([tips - length * direction, tips], axis=1).astype(np.float32)
         self._pushes.colors = np.where(since[shown, None] < 0.0, PUSH, PUSH_PAST).astype(np.uint8)
 
