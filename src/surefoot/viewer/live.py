@@ -112,7 +112,7 @@ class LivePanel:
 
 _PLOTS = (
     (
-        "Forward [cm], 6 s",
+        "Forward [cm]",
         40.0,
         (
             ("com_x", "CoM", _COM_INK),
@@ -122,7 +122,7 @@ _PLOTS = (
         ),
     ),
     (
-        "Left [cm], 6 s",
+        "Left [cm]",
         40.0,
         (
             ("com_y", "CoM", _COM_INK),
@@ -131,7 +131,7 @@ _PLOTS = (
             ("right", "", _EDGE_INK),
         ),
     ),
-    ("Pelvis [deg], 6 s", 30.0, (("roll", "roll", _ROLL_INK), ("pitch", "pitch", _PITCH_INK))),
+    ("Pelvis [deg]", 30.0, (("roll", "roll", _ROLL_INK), ("pitch", "pitch", _PITCH_INK))),
 )
 """Title, range, and the curves: column of the history, word, colour."""
 
@@ -144,7 +144,7 @@ def _plot_title(title: str, curves: tuple[tuple[str, str, str], ...]) -> str:
     )
     return (
         '<div style="font:12px/1.2 system-ui,sans-serif;padding:6px 12px 0;display:flex;justify-content:space-between">'
-        f'<b>{title}</b><span style="opacity:.85">{words}</span></div>'
+        f'<b style="white-space:nowrap">{title}</b><span style="opacity:.85">{words}</span></div>'
     )
 
 

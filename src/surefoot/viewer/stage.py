@@ -27,7 +27,7 @@ _ROOT = "/world"
 
 # Darker than they shall look: the light brightens them.
 PUSH, COM, FORCE, PRESSURE = (235, 62, 0), (240, 160, 0), (0, 95, 225), (125, 30, 205)
-PUSH_PAST = (240, 165, 120)
+PUSH_PAST = (225, 110, 55)
 CAPTURED, ESCAPED, SUPPORT = (0, 140, 55), (215, 15, 25), (25, 45, 75)
 _AFTERGLOW = 0.3
 """A push's arrow stays for so long after its end [s of simulated time], paler."""
