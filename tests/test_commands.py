@@ -80,19 +80,19 @@ def test_play_says_where_it_is_and_ends_by_ctrl_c(tmp_path: Path):
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     command = [sys.executable, "-m", "surefoot", "play", "nominal", "--port", str(port)]
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stderr
-        assert process.stderr.readline() == f"push it at http://127.0.0.1:{port} (Ctrl-C ends)\n"
-        second = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
-        assert second.returncode == 2
-        assert second.stderr.startswith(f"surefoot: cannot listen on 127.0.0.1:{port}: address already in use; valid:")
-        time.sleep(0.2)
-        process.send_signal(signal.SIGINT)
-        output, error = process.communicate(timeout=20)
-        assert (process.returncode, output, error) == (0, "", "closed\n")
-    finally:
-        process.kill()
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr
+            assert process.stderr.readline() == f"push it at http://127.0.0.1:{port} (Ctrl-C ends)\n"
+            second = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+            assert second.returncode == 2
+            assert f"surefoot: cannot listen on 127.0.0.1:{port}: address already in use; valid:" in second.stderr
+            time.sleep(0.2)
+            process.send_signal(signal.SIGINT)
+            output, error = process.communicate(timeout=20)
+            assert (process.returncode, output, error) == (0, "", "closed\n")
+        finally:
+            process.kill()
 
 
 def test_pictures_have_all_colours_of_the_robot(needs_opengl, tmp_path):

@@ -7,10 +7,12 @@ import time
 import numpy as np
 import pytest
 
+from surefoot.control import Imperfections
 from surefoot.disturbance import Push
 from surefoot.errors import UserError
 from surefoot.policy import NominalPolicy, load_policy
 from surefoot.simulation import POLICY_HZ
+from surefoot.viewer import session as session_module
 from surefoot.viewer.player import Player
 from surefoot.viewer.session import Session, horizontal_push
 from surefoot.viewer.verdict import State
@@ -37,6 +39,10 @@ def states(session: Session) -> list[State]:
     return [State(state) for state in session.verdicts.state]
 
 
+def since_push(session: Session, tick: int) -> float:
+    return float(session.since(session.loop.pushes, tick)[0])
+
+
 def pelvis(session: Session) -> np.ndarray:
     return session.ticks["pelvis_position"][:, -1].copy()
 
@@ -51,8 +57,8 @@ def test_a_push_is_recovered_from_told_and_counted(session):
     session.push(horizontal_push("pelvis", 0.0, 120.0))
     session.step()
     assert states(session) == [State.RECOVERING]
-    assert session.last_force[0] == pytest.approx([1000.0, 0.0, 0.0])
-    assert session.since_push(0)[0] == pytest.approx(-0.12)
+    assert session.loop.pushes.force[0] == pytest.approx([1000.0, 0.0, 0.0])
+    assert since_push(session, 0) == pytest.approx(-0.12)
     live(session, 5.0)
     assert states(session) == [State.RECOVERED]
     assert (session.verdicts.recovered, session.verdicts.fallen) == (1, 0)
@@ -85,15 +91,15 @@ def test_a_fallen_robot_stays_down_if_told_so_until_it_is_reset(session):
 def test_a_push_in_the_future_begins_at_its_tick(session):
     session.push(Push("torso", (0.0, 1.0, 0.0), impulse=10.0, start=0.05, duration=0.01))
     session.step()
-    assert session.since_push(19)[0] == np.inf
+    assert since_push(session, 19) == np.inf
     session.step()
     # 0.05 s is tick 25: the fifth of the second step; five ticks long.
     wrench = session.loop.simulation.wrench[0, :, session.robot.body_id("torso"), 1]
     assert wrench == pytest.approx([0.0] * 5 + [1000.0] * 5 + [0.0] * 10)
-    assert session.since_push(4)[0] == np.inf
-    assert session.since_push(5)[0] == pytest.approx(-0.01)
-    assert session.since_push(12)[0] == pytest.approx(0.004)
-    assert session.pushed_body[0] == session.robot.body_id("torso")
+    assert since_push(session, 4) == np.inf
+    assert since_push(session, 5) == pytest.approx(-0.01)
+    assert since_push(session, 12) == pytest.approx(0.004)
+    assert session.loop.pushes.body[0] == session.robot.body_id("torso")
 
 
 def test_an_unknown_body_is_refused_when_asked_for(session):
@@ -115,7 +121,7 @@ def test_lift_and_push_pushes_in_the_air(session):
     pushed_in_air = False
     for _ in range(15):
         session.step()
-        is_pushed = session.since_push(10)[0] < 0.0 and session.last_force[0, 0] > 0.0
+        is_pushed = since_push(session, 10) < 0.0 and session.loop.pushes.force[0, 0] > 0.0
         pushed_in_air |= is_pushed and not session.ticks.foot_contact[0, 10].any()
     assert pushed_in_air
     assert pelvis(session)[0, 2] > height
@@ -126,12 +132,13 @@ def test_a_hand_pulls_until_it_lets_go(session):
     body = session.robot.body_id("torso")
     session.pull(0, body, np.array([0.0, 60.0, 0.0]))
     live(session, 0.4)
-    assert session.last_force[0] == pytest.approx([0.0, 60.0, 0.0])
-    assert session.since_push(19)[0] < 0.0
+    assert session.is_held.tolist() == [True]
+    assert session.loop.first_pushes.force[0] == pytest.approx([0.0, 60.0, 0.0])
+    assert session.since(session.loop.first_pushes, 19)[0] < 0.0
     assert pelvis(session)[0, 1] > 0.005
     session.release(0)
     live(session, 0.08)
-    assert session.since_push(19)[0] > 0.0
+    assert session.since(session.loop.first_pushes, 19)[0] > 0.0
     assert states(session) == [State.RECOVERING]
 
 
@@ -167,23 +174,24 @@ def test_ice_lets_feet_slide(robot):
     assert slid[0.02] > 0.03
 
 
-def test_noise_shakes_the_observation_by_what_its_filter_lets_pass(session, trpo):
-    added: list[np.ndarray] = []
-
-    def watched(observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
-        added.append(observations - session.loop.observation)
-        return trpo(session.loop.observation, ids)
-
-    session.policy = watched
-    session.noise = 1.0
-    live(session, 4.0)
+def test_noise_on_the_observation_is_what_the_filter_lets_pass_and_can_be_switched_off(robot, monkeypatch):
+    monkeypatch.setattr(session_module, "PAPER_NOISE", Imperfections(observation_noise=0.5))
+    # The nominal pose looks at nothing: both robots do the same.
+    exact, noisy = Session(NominalPolicy(robot), 1), Session(NominalPolicy(robot), 1)
+    noisy.set_noise(1.0)
+    added = []
+    for _ in range(100):
+        exact.step()
+        noisy.step()
+        added.append(noisy.loop.observation - exact.loop.observation)
     # White noise of 0.5 before a first-order Butterworth of 10 Hz at 500 Hz: the share t / (1 + t) of its variance
     # passes, t = tan(pi 10 / 500).
     t = np.tan(np.pi * 10 / 500)
     assert np.std(added) == pytest.approx(0.5 * np.sqrt(t / (1.0 + t)), rel=0.1)
-    session.noise = 0.0
-    session.step()
-    assert not added[-1].any()
+    noisy.set_noise(0.0)
+    live(noisy, 1.0)
+    live(exact, 1.0)
+    assert noisy.loop.observation == pytest.approx(exact.loop.observation, abs=1e-9)
 
 
 class NotFinite(NominalPolicy):

@@ -22,7 +22,7 @@ def test_the_low_pass_equals_scipys_filter_over_many_blocks() -> None:
     expected = scipy_reference(signal)
     for block in range(10):
         ticks = slice(block * BLOCK, (block + 1) * BLOCK)
-        output = low_pass(signal[:, ticks])
+        output = low_pass([signal[:, ticks]])
         np.testing.assert_allclose(output, expected[:, ticks.stop - 1], rtol=0, atol=1e-12)
         np.testing.assert_array_equal(output, low_pass.output)
 
@@ -31,7 +31,7 @@ def test_the_low_pass_of_single_ticks_equals_scipys_filter_at_every_tick() -> No
     signal = RNG.normal(size=(2, 50, 3))
     low_pass = LowPass(2, 3, 1, sample_hz=500.0)
     low_pass.reset(np.arange(2), signal[:, 0])
-    outputs = np.stack([low_pass(signal[:, k : k + 1]).copy() for k in range(50)], axis=1)
+    outputs = np.stack([low_pass([signal[:, k : k + 1]]).copy() for k in range(50)], axis=1)
     np.testing.assert_allclose(outputs, scipy_reference(signal), rtol=0, atol=1e-12)
 
 
@@ -40,7 +40,7 @@ def test_the_low_pass_stays_where_a_constant_signal_starts_it() -> None:
     constant = np.array([[3.0, -700.0], [0.1, 1e-3]])
     low_pass.reset(np.arange(2), constant)
     for _ in range(5):
-        low_pass(np.repeat(constant[:, None], BLOCK, axis=1))
+        low_pass([np.repeat(constant[:, None], BLOCK, axis=1)])
         np.testing.assert_allclose(low_pass.output, constant, rtol=1e-13)
 
 
@@ -51,7 +51,7 @@ def test_the_low_pass_passes_3_db_less_at_its_cutoff(hz: float, gain: float) -> 
     time = np.arange(5000) / 500.0
     low_pass = LowPass(1, 1, 1, sample_hz=500.0)
     low_pass.reset(np.array([0]), np.zeros((1, 1)))
-    output = np.array([low_pass(np.full((1, 1, 1), np.sin(2 * np.pi * hz * t)))[0, 0] for t in time])
+    output = np.array([low_pass([np.full((1, 1, 1), np.sin(2 * np.pi * hz * t))])[0, 0] for t in time])
     settled = output[2500:]  # whole periods of all three
     assert np.sqrt(2.0 * np.mean(settled**2)) == pytest.approx(gain, rel=1e-3)
 
@@ -62,24 +62,24 @@ def test_the_low_pass_of_some_robots_leaves_the_others_alone() -> None:
     low_pass = LowPass(4, 3, BLOCK, sample_hz=500.0)
     low_pass.reset(np.arange(4), start)
     ids = np.array([2, 0])
-    output = low_pass(signal, ids)
+    output = low_pass([signal], ids)
     np.testing.assert_array_equal(low_pass.output[[1, 3]], start[[1, 3]])
     np.testing.assert_array_equal(low_pass.output[ids], output)
     # As if the two had been alone, in this order.
     alone = LowPass(2, 3, BLOCK, sample_hz=500.0)
     alone.reset(np.arange(2), start[ids])
-    np.testing.assert_array_equal(alone(signal), output)
+    np.testing.assert_array_equal(alone([signal]), output)
 
 
 def test_a_reset_forgets_one_robots_past_only() -> None:
     signal = RNG.normal(size=(2, BLOCK, 1))
     low_pass = LowPass(2, 1, BLOCK, sample_hz=500.0)
-    low_pass(signal)
+    low_pass([signal])
     kept = low_pass.output[0].copy()
     low_pass.reset(np.array([1]), np.array([[5.0]]))
     np.testing.assert_array_equal(low_pass.output, [kept, [5.0]])
     # The robot that was put back knows nothing of its last input: a constant 5 stays 5.
-    output = low_pass(np.full((1, BLOCK, 1), 5.0), np.array([1]))
+    output = low_pass([np.full((1, BLOCK, 1), 5.0)], np.array([1]))
     np.testing.assert_allclose(output, [[5.0]], rtol=1e-13)
 
 

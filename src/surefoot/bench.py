@@ -16,8 +16,10 @@ from rich.table import Table
 from surefoot import observation
 from surefoot.env import EnvConfig, PushRecoveryVectorEnv
 from surefoot.policy import NetworkPolicy
+from surefoot.scenarios import Scenario
 from surefoot.signals import LowPass
-from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Simulation
+from surefoot.trials import NUM_SLOTS, run_list
 
 NUM_ENVS = 256
 GOALS = {
@@ -33,13 +35,15 @@ def run_bench(seconds: float = 20.0, on_stage: Callable[[str], None] = lambda st
     """All figures, with documented keys (docs/figures.md).
 
     Args:
-        seconds: for each of the two ratios; a quarter of it for each size of the live page.
+        seconds: for each ratio; a quarter of it for each size of the live page.
         on_stage: told what is measured next.
     """
     on_stage("environment against bare physics")
     figures = environment_over_physics(seconds)
     on_stage("PPO against its environment")
     figures |= learning_over_environment(seconds)
+    on_stage("trials against bare physics")
+    figures |= trials_over_physics(seconds)
     on_stage("one policy step")
     figures |= policy_step()
     on_stage("the live page")
@@ -67,7 +71,7 @@ def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[s
         bare.copy_state(env.loop.simulation)
         spent["env"] += _timed(partial(env.step, actions))
         bare.copy_control(env.loop.simulation)
-        spent["physics"] += _timed(bare.rollout)
+        spent["physics"] += _timed(bare.advance)
         steps += num_envs
     return {
         "bench.physics_steps_per_s": round(steps * TICKS_PER_STEP / spent["physics"]),
@@ -109,6 +113,35 @@ def learning_over_environment(seconds: float) -> dict[str, float]:
     }
 
 
+def trials_over_physics(seconds: float) -> dict[str, float]:
+    """Whole trials of a network against the bare physics inside them: the share of their time spent in there."""
+    inside, began, num_trials = 0.0, time.perf_counter(), 0
+    advance = Simulation.advance
+
+    def timed_advance(simulation: Simulation, ids: np.ndarray | None = None) -> np.ndarray:
+        nonlocal inside
+        start = time.perf_counter()
+        record = advance(simulation, ids)
+        inside += time.perf_counter() - start
+        return record
+
+    line = Scenario("pelvis_push", directions=1).lines()[0]
+    policy = standing_network()
+    Simulation.advance = timed_advance  # type: ignore[method-assign, assignment]
+    try:
+        while time.perf_counter() - began < seconds:
+            trials = [line.trial(4, seed, whole=False) for seed in range(num_trials, num_trials + NUM_SLOTS)]
+            run_list(policy, trials)
+            num_trials += len(trials)
+    finally:
+        Simulation.advance = advance  # type: ignore[method-assign]
+    total = time.perf_counter() - began
+    return {
+        "bench.trials_per_s": round(num_trials / total, 1),
+        "bench.trials_over_physics": round(inside / total, 4),
+    }
+
+
 def policy_step(repeats: int = 3000) -> dict[str, float]:
     """Median time of one policy step of one robot: low-pass filter and network [us]."""
     policy = standing_network()
@@ -116,7 +149,7 @@ def policy_step(repeats: int = 3000) -> dict[str, float]:
     low_pass = LowPass(1, num_observations, TICKS_PER_STEP, CONTROL_HZ)
     signal = np.random.default_rng(0).standard_normal((1, TICKS_PER_STEP, num_observations))
     robot = np.array([0])
-    times = [_timed(lambda: policy(low_pass(signal), robot)) for _ in range(repeats)]
+    times = [_timed(lambda: policy(low_pass([signal]), robot)) for _ in range(repeats)]
     return {"bench.policy_step_us": round(1e6 * float(np.median(times)), 1)}
 
 

@@ -6,10 +6,10 @@ import contextlib
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -18,6 +18,12 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from surefoot.errors import UserError
 from surefoot.viewer.commands import Picture, Play, Video
+
+if TYPE_CHECKING:
+    from surefoot.scenarios import Scenario
+
+DEMO_MARK = ".surefoot-demo"
+"""An empty file by which a demo knows a folder as its own."""
 
 console = Console(stderr=True)
 """Everything but the results goes to standard error."""
@@ -75,8 +81,11 @@ class Evaluate:
     policy: Annotated[str, tyro.conf.Positional]
     """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal": the nominal pose held by the joint
     impedance alone."""
+    suite: str = "pelvis"
+    """pelvis (pushes at the pelvis), paper (everything that the paper tests), robustness (beyond the paper), or a
+    scenario file (.toml, docs/scenarios.md)."""
     directions: int = 4
-    """Number of directions of the push, evenly spaced."""
+    """Number of directions of the pushes at the pelvis, evenly spaced."""
     results: Path = Path("results.sqlite")
     """Results table (SQLite); trials that are in it already are not run again."""
     json: str | None = None
@@ -94,8 +103,9 @@ class Evaluate:
         for file in (self.export, self.export_thresholds):
             if file:
                 check_export(file)
+        scenarios = _scenarios(self.suite, self.directions)
         output = _results_console(self.json)
-        figures = evaluate_policy(self.policy, self.directions, self.results, output, self.export_thresholds)
+        figures = evaluate_policy(self.policy, scenarios, self.results, output, self.export_thresholds)
         if self.export:
             with Results(self.results) as results:
                 results.export("trials", self.export)
@@ -119,9 +129,9 @@ class Table:
 
         policies, robot = read_thresholds(self.thresholds), load_robot()
         if self.markdown:
-            sys.stdout.write(tables.markdown(tables.TABLE_1_COLUMNS, tables.table_1_rows(policies, robot)))
+            sys.stdout.write(tables.table_1(policies, robot).markdown())
         else:
-            Console().print(tables.table_1(policies, robot))
+            Console().print(tables.table_1(policies, robot).rich())
 
 
 @dataclass(frozen=True)
@@ -160,12 +170,14 @@ class Demo:
     """Seed of everything random."""
 
     def main(self) -> None:
-        if (self.out / "config.json").exists():
-            # The run of an earlier demo; nothing else is ever removed.
+        mark = self.out / DEMO_MARK
+        if mark.exists():  # an earlier demo's folder; nothing else is ever removed
             for file in self.out.iterdir():
                 file.unlink()
         Train(algorithm=self.algorithm, preset="gentle", run=self.out, minutes=self.minutes, seed=self.seed).main()
-        evaluate_policy(str(self.out), 4, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
+        mark.touch()
+        pushes = _scenarios("pelvis", 4)
+        evaluate_policy(str(self.out), pushes, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
         Pictures(self.out / "thresholds.csv", self.out, str(self.out), self.out).main()
 
 
@@ -204,31 +216,33 @@ class Pictures:
 
 
 def evaluate_policy(
-    name: str, num_directions: int, path: Path, output: Console, export: Path | None = None
+    name: str, scenarios: Sequence[Scenario], path: Path, output: Console, export: Path | None = None
 ) -> dict[str, float]:
-    """Search, print and keep the thresholds of one policy; returns its flat figures."""
-    from surefoot import tables
-    from surefoot.evaluation import find_thresholds, push_lines
+    """Run, print and keep some scenarios of one policy; returns its flat figures."""
+    from surefoot import figures, tables
+    from surefoot.evaluation import run_scenarios
     from surefoot.policy import NominalPolicy, load_policy
     from surefoot.results import Results
     from surefoot.robot import load_robot
 
     policy = NominalPolicy() if name == "nominal" else load_policy(name)
-    robot = load_robot(policy.contract.robot)
-    pose = np.array(policy.contract.nominal_pose)
+    robot, pose = load_robot(policy.contract.robot), np.array(policy.contract.nominal_pose)
     began = time.monotonic()
     with Results(path) as results:
-        with _evaluation_bar() as show:
-            thresholds = find_thresholds(
-                policy, push_lines(num_directions=num_directions), results.trials_of(policy), show
-            )
+        store = results.trials_of(policy)
+        with _evaluation_bar(sum(len(scenario.lines()) for scenario in scenarios)) as show:
+            thresholds = run_scenarios(policy, scenarios, store, show)
+        wall_s = time.monotonic() - began
         results.add_thresholds(policy, thresholds)
+        results.add_scenarios(policy, scenarios, wall_s)
         if export:
             results.export("thresholds", export)
-    figures = tables.flat_figures(thresholds, robot, pose, time.monotonic() - began)
-    output.print(tables.direction_table(policy.name, thresholds, robot, pose))
-    output.print(tables.table_1({policy.contract.training.get("algorithm", policy.name): thresholds}, robot))
-    return figures
+        fixed = results.fixed_outcomes(policy.name)
+        found = figures.flat_figures(thresholds, fixed, results.audit(policy), robot, pose, wall_s)
+    steps = tables.median_steps(thresholds, store)
+    for table in tables.all_tables(policy, thresholds, fixed, steps, robot):
+        output.print(table.rich())
+    return found
 
 
 COMMANDS: dict[str, Callable[..., Any]] = {
@@ -285,15 +299,32 @@ def _training_bar() -> Iterator:
 
 
 @contextlib.contextmanager
-def _evaluation_bar() -> Iterator:
-    columns = (SpinnerColumn(), TextColumn("{task.fields[says]}"), TimeElapsedColumn())
+def _evaluation_bar(num_lines: int) -> Iterator:
+    """A bar of lines done, with what is reached along each line still searched; it fits into 80 columns."""
+    columns = (SpinnerColumn(), BarColumn(bar_width=12), TextColumn("{task.fields[says]}"), TimeElapsedColumn())
     with Progress(*columns, console=console) as bar:
-        task = bar.add_task("evaluate", total=None, says="pushing")
+        task = bar.add_task("evaluate", total=num_lines, says="pushing")
+        before = last_done = 0
 
-        def show(num_trials: int, reached: list[float]) -> None:
-            bar.update(task, says=f"{num_trials:,} trials, at {' '.join(f'{ns:.0f}' for ns in reached)} Ns")
+        def show(num_trials: int, num_done: int, reached: list) -> None:
+            nonlocal before, last_done
+            if num_done < last_done:  # the next batch of lines has begun
+                before += last_done
+            last_done = num_done
+            sizes = " ".join(f"{size:g}" for _, size in reached[:8])
+            says = f"{num_trials:,} trials, {before + num_done}/{num_lines} lines, at {sizes}"
+            bar.update(task, completed=before + num_done, says=says[:56])
 
         yield show
+
+
+def _scenarios(suite_name: str, num_directions: int) -> list[Scenario]:
+    from surefoot.scenarios import Scenario, suite
+
+    pelvis = Scenario("pelvis_push", directions=num_directions)
+    if suite_name == "pelvis":
+        return [pelvis]
+    return [pelvis if scenario.name == pelvis.name else scenario for scenario in suite(suite_name)]
 
 
 def _read_curves(folder: Path, policy: Any) -> dict[str, list[list[dict[str, float]]]]:

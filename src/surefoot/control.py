@@ -6,14 +6,38 @@ environment and the evaluation differ only in what they make of the ticks.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from surefoot import observation
 from surefoot.disturbance import Pushes
 from surefoot.errors import UserError
-from surefoot.robot import Robot
-from surefoot.signals import LowPass, cubic_path
+from surefoot.robot import PLAIN, Robot, World
+from surefoot.signals import Delay, LowPass, Noise, cubic_path
 from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Simulation, Ticks
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """What stands between a policy and a perfect robot; the defaults are a perfect one.
+
+    Attributes:
+        observation_noise: standard deviation of Gaussian noise on the observation vector, in its own units, new at
+            every tick and added before the filter.
+        action_noise: the same on the joint targets [rad], new at every policy step.
+        sensor_bias: standard deviation of what is wrong with each component of the vector throughout, in the
+            component's typical deviation (`observation.scales`).
+        latency: from an action to its joint targets [s], at most a policy step.
+    """
+
+    observation_noise: float = 0.0
+    action_noise: float = 0.0
+    sensor_bias: float = 0.0
+    latency: float = 0.0
+
+
+PERFECT = Imperfections()
 
 
 class ControlLoop:
@@ -22,45 +46,67 @@ class ControlLoop:
     Args:
         nominal: joint angles that an action of zero means, (num_joints,) [rad].
         action_scale: joint angle [rad] per unit of action.
+        world: what the robots stand on and are made of.
 
     Attributes:
         pushes: the robots' current pushes, to be scheduled by the caller.
+        first_pushes: pushes that come before, or at the same time.
         tick: ticks since each robot's reset, (num_robots,).
         nominal_com_height: height of the CoM above the soles in the nominal pose [m].
     """
 
-    def __init__(self, robot: Robot, num_robots: int, nominal: np.ndarray, action_scale: float, num_threads: int = 0):
+    def __init__(
+        self,
+        robot: Robot,
+        num_robots: int,
+        nominal: np.ndarray,
+        action_scale: float,
+        num_threads: int = 0,
+        world: World = PLAIN,
+    ):
         self.robot = robot
         self.nominal = nominal
         self.action_scale = action_scale
-        self.simulation = Simulation(robot, num_robots, num_threads)
+        self.simulation = Simulation(robot, num_robots, num_threads, world)
         self.pushes = Pushes(robot, num_robots)
+        self.first_pushes = Pushes(robot, num_robots)
         self.tick = np.zeros(num_robots, np.int64)
-        self._everyone = np.arange(num_robots)
         self._target = np.tile(nominal, (num_robots, 1))
-        self._filter = LowPass(num_robots, len(observation.component_names(robot)), TICKS_PER_STEP, CONTROL_HZ)
-        start = self.reset(self._everyone, self._target)
+        self._units = observation.units(robot)
+        self._scales = observation.scales(robot)
+        self._filter = LowPass(num_robots, len(self._units), TICKS_PER_STEP, CONTROL_HZ)
+        self._observation_noise = Noise(num_robots)
+        self._action_noise = Noise(num_robots)
+        self._bias = np.zeros((num_robots, len(self._units)))
+        self._delay = Delay(num_robots, TICKS_PER_STEP, robot.num_joints)
+        self._imperfect = np.zeros(num_robots, bool)
+        start = self.reset(np.arange(num_robots), self._target)
         self.nominal_com_height = float(start.com_height[0, 0])
 
     @property
     def observation(self) -> np.ndarray:
         """The filtered observation at the end of each robot's last policy step: (num_robots, 47) float64."""
-        return self._filter.output
+        return self._filter.output / self._units
 
-    def reset(
-        self,
-        ids: np.ndarray,
-        joint_position: np.ndarray,
-        yaw: np.ndarray | float = 0.0,
-        height: np.ndarray | float = 0.0,
-    ) -> Ticks:
-        """Put robots `ids` (n,) upright, at rest and without a push; see `Simulation.reset`."""
-        start = self.simulation.reset(ids, joint_position, yaw, height)
-        self._filter.reset(ids, observation.observe(start)[:, 0])
+    def reset(self, ids: np.ndarray, joint_position: np.ndarray, **stance: np.ndarray | float) -> Ticks:
+        """Put perfect robots `ids` (n,) at rest and without a push; `stance` as for `Simulation.reset`."""
+        start = self.simulation.reset(ids, joint_position, **stance)
+        self._filter.reset(ids, np.concatenate(observation.quantities(start), axis=-1)[:, 0])
         self._target[ids] = self.nominal
         self.tick[ids] = 0
         self.pushes.cancel(ids)
+        self.first_pushes.cancel(ids)
+        self._imperfect[ids] = False
         return start
+
+    def spoil(self, robot: int, imperfections: Imperfections, seed: int) -> None:
+        """Give one robot imperfections, right after its reset; `seed` draws its noise and its bias."""
+        bias, observation_noise, action_noise = np.random.default_rng(seed).spawn(3)
+        self._bias[robot] = imperfections.sensor_bias * self._scales * bias.standard_normal(len(self._units))
+        self._observation_noise.reset(robot, imperfections.observation_noise, observation_noise)
+        self._action_noise.reset(robot, imperfections.action_noise, action_noise)
+        self._delay.reset(robot, round(imperfections.latency * CONTROL_HZ), self._target[robot])
+        self._imperfect[robot] = imperfections != PERFECT
 
     def step(self, actions: np.ndarray, ids: np.ndarray | None = None) -> Ticks:
         """One policy step of robots `ids` (all without it).
@@ -75,15 +121,38 @@ class ControlLoop:
         Raises:
             UserError: the actions have the wrong shape.
         """
-        some, ids = ids, self._everyone if ids is None else ids
-        if np.shape(actions) != (len(ids), self.robot.num_joints):
-            raise UserError(f"actions must have shape {(len(ids), self.robot.num_joints)}, not {np.shape(actions)}")
+        everyone = ids is None  # then nothing is copied
+        rows = slice(None) if ids is None else ids
+        num_actions = (len(self.tick[rows]), self.robot.num_joints)
+        if np.shape(actions) != num_actions:
+            raise UserError(f"actions must have shape {num_actions}, not {np.shape(actions)}")
         goal = self.nominal + self.action_scale * np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
+        imperfect = np.flatnonzero(self._imperfect[rows])
+        goal[imperfect] = self._action_noise.add(self._ids(rows, imperfect), goal[imperfect])
         goal = np.clip(goal, self.robot.joint_lower, self.robot.joint_upper)
-        path = cubic_path(self._target[ids], goal, TICKS_PER_STEP)
-        self._target[ids] = goal
-        self.pushes.write(self.simulation.wrench, self.tick)
-        ticks = self.simulation.step(path, some)  # without ids no control is copied
-        self._filter(observation.observe(ticks), ids)
-        self.tick[ids] += TICKS_PER_STEP
+        path = cubic_path(self._target[rows], goal, TICKS_PER_STEP, self.simulation.joint_targets if everyone else None)
+        path[imperfect] = self._delay(self._ids(rows, imperfect), path[imperfect])
+        self._target[rows] = goal
+        self._write_pushes()
+        ticks = self.simulation.step(None if everyone else path, ids)
+        signals = observation.quantities(ticks)
+        self._filter(self._spoiled(signals, rows, imperfect) if len(imperfect) else signals, rows)
+        self.tick[rows] += TICKS_PER_STEP
         return ticks
+
+    def _write_pushes(self) -> None:
+        both = (self.first_pushes, self.pushes)
+        for pushes in both:
+            pushes.clear(self.simulation.wrench)
+        for pushes in both:
+            pushes.add(self.simulation.wrench, self.tick)
+
+    def _spoiled(self, signals: list[np.ndarray], rows: np.ndarray | slice, imperfect: np.ndarray) -> list[np.ndarray]:
+        whole = np.concatenate(signals, axis=-1)
+        ids = self._ids(rows, imperfect)
+        vector = whole[imperfect] / self._units + self._bias[ids, None]
+        whole[imperfect] = self._observation_noise.add(ids, vector) * self._units
+        return [whole]
+
+    def _ids(self, rows: np.ndarray | slice, some: np.ndarray) -> np.ndarray:
+        return some if isinstance(rows, slice) else rows[some]

@@ -15,7 +15,7 @@ PUSH_DURATION = 0.12
 
 @dataclass(frozen=True)
 class Push:
-    """A constant force at the CoM of a body.
+    """A constant force at a body.
 
     Attributes:
         body: a pushable body of the robot.
@@ -23,6 +23,8 @@ class Push:
         impulse: force x duration [Ns].
         start: seconds after the trial's beginning.
         duration: [s].
+        lever: where the force acts: so far above (or, negative, below) the robot's CoM [m] as both are in the nominal
+            pose; without it, at the body's own CoM. The line of action keeps its height relative to the body.
     """
 
     body: str = "pelvis"
@@ -30,6 +32,21 @@ class Push:
     impulse: float = 0.0
     start: float = 0.0
     duration: float = PUSH_DURATION
+    lever: float | None = None
+
+
+@dataclass(frozen=True)
+class Drop:
+    """A fall from a height in the nominal pose.
+
+    Attributes:
+        height: of the lowest corner of the soles above the floor [m].
+        roll, pitch: of the whole robot at its release [rad].
+    """
+
+    height: float
+    roll: float = 0.0
+    pitch: float = 0.0
 
 
 class Pushes:
@@ -39,6 +56,7 @@ class Pushes:
         start, end: first tick of the push and first tick after it, counted from the robot's reset, (N,).
         body: MuJoCo body ids (N,).
         force: world frame (N, 3) [N].
+        arm: height of the force's line of action above the body's CoM (N,) [m].
     """
 
     def __init__(self, robot: Robot, num_robots: int):
@@ -47,34 +65,54 @@ class Pushes:
         self.end = self.start.copy()
         self.body = np.zeros(num_robots, np.int64)
         self.force = np.zeros((num_robots, 3))
+        self.arm = np.zeros(num_robots)
         self._written = np.zeros(0, np.int64)
 
     def schedule(
-        self, ids: np.ndarray, body: np.ndarray, impulse: np.ndarray, start: np.ndarray, duration: float
+        self,
+        ids: np.ndarray,
+        body: np.ndarray,
+        impulse: np.ndarray,
+        start: np.ndarray,
+        duration: float,
+        arm: np.ndarray | float = 0.0,
     ) -> None:
-        """Give robots `ids` (n,) a push: body ids (n,), impulse vectors (n, 3) [Ns], start ticks (n,), [s]."""
+        """Give robots `ids` (n,) a push: body ids (n,), impulse vectors (n, 3) [Ns], start ticks (n,), [s], arm [m]."""
         num_ticks = max(1, round(duration / CONTROL_DT))
         self.start[ids], self.end[ids] = start, start + num_ticks
         self.body[ids] = body
         self.force[ids] = impulse / (num_ticks * CONTROL_DT)
+        self.arm[ids] = arm
 
     def cancel(self, ids: np.ndarray) -> None:
         """No push for robots `ids`."""
         self.start[ids] = self.end[ids] = np.iinfo(np.int64).max
 
     def write(self, wrench: np.ndarray, tick: np.ndarray) -> None:
-        """Write the forces of the next policy step.
+        """Write the forces of the next policy step in place of the last one's; arguments as those of `add`."""
+        self.clear(wrench)
+        self.add(wrench, tick)
+
+    def clear(self, wrench: np.ndarray) -> None:
+        """Take back what the last `add` wrote into the wrenches."""
+        wrench[self._written] = 0.0
+
+    def add(self, wrench: np.ndarray, tick: np.ndarray) -> None:
+        """Add the forces of the next policy step.
 
         Args:
-            wrench: (N, TICKS_PER_STEP, num_bodies, 6), all zero but for what the last call wrote.
+            wrench: (N, TICKS_PER_STEP, num_bodies, 6).
             tick: ticks since each robot's reset (N,).
         """
-        wrench[self._written] = 0.0
-        active = np.flatnonzero((self.start < tick + TICKS_PER_STEP) & (self.end > tick))
+        self._written = active = np.flatnonzero((self.start < tick + TICKS_PER_STEP) & (self.end > tick))
+        if not len(active):
+            return
         now = tick[active, None] + np.arange(TICKS_PER_STEP)
         pushed = (now >= self.start[active, None]) & (now < self.end[active, None])
-        wrench[active, :, self.body[active], :3] = pushed[..., None] * self.force[active, None]
-        self._written = active
+        x, y, _ = self.force[active].T
+        torque = self.arm[active, None] * np.stack([-y, x, np.zeros_like(x)], axis=1)
+        both = np.concatenate([self.force[active], torque], axis=1)
+        wrench[active, :, self.body[active]] += pushed[..., None] * both[:, None]
 
 
 @dataclass(frozen=True)

@@ -1,75 +1,49 @@
-"""Evaluation: the largest impulse that a policy rejects, by the one definition of success.
+"""Evaluation: how hard a disturbance a policy survives, by the one definition of success.
 
 J Ns *holds* when at least 95 % of at least 40 whole trials recover and no smaller cell of the 6 Ns grid gives way:
 each smaller cell has at least 8 trials, and over any four neighbouring ones together at least 90 % recover. The
-rejected impulse is the largest J that holds.
+rejected impulse is the largest J that holds. Heights and tilts are searched likewise, each on its own grid.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from surefoot.disturbance import PUSH_DURATION, Push
 from surefoot.policy import Policy
+from surefoot.scenarios import DIRECTIONS, Line, Scenario
 from surefoot.trials import NUM_SLOTS, Outcome, Trial, TrialSource, run_trials
 
-GRID = 6.0
-"""Step of the impulse grid [Ns]: the paper's 50 N for 0.12 s."""
-MAX_IMPULSE = 900.0
-"""Where the search ends [Ns]."""
+__all__ = ["DIRECTIONS", "Line", "Store", "Threshold", "find_thresholds", "push_lines", "run_scenarios"]
+
 NUM_SAMPLED = 8
 NUM_WHOLE = 40
 MIN_SHARE = 0.95
 NEIGHBOURS = 4
 MIN_NEIGHBOUR_SHARE = 0.90
+LOOK_AHEAD = 3
+"""Candidates that are judged at once while robots would stand idle otherwise."""
 
-DIRECTIONS = {"forward": 0.0, "left": 0.5 * np.pi, "backward": np.pi, "right": 1.5 * np.pi}
-"""Angles in the horizontal plane [rad], counter-clockwise from +x."""
-
-
-@dataclass(frozen=True)
-class Line:
-    """What is searched along: one body pushed in one direction.
-
-    Attributes:
-        angle: in the horizontal plane [rad], counter-clockwise from the robot's +x.
-        without_step: a trial counts as recovered only if no foot left its place.
-    """
-
-    name: str
-    body: str
-    angle: float
-    duration: float = PUSH_DURATION
-    without_step: bool = False
-
-    def trial(self, cell: int, seed: int, whole: bool) -> Trial:
-        """The trial of cell `cell`: an impulse of `cell` times the grid's step."""
-        direction = (round(float(np.cos(self.angle)), 12), round(float(np.sin(self.angle)), 12), 0.0)
-        push = Push(self.body, direction, impulse=cell * GRID, duration=self.duration)
-        return Trial(push, seed, whole)
-
-    def succeeded(self, outcome: Outcome) -> bool:
-        return outcome.without_step if self.without_step else outcome.recovered
+_MAX_FAILURES = int((1.0 - MIN_SHARE) * NUM_WHOLE + 1e-9)
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """The rejected impulse along a line.
+    """The largest recovered size along a line: the rejected impulse, the height or the tilt.
 
     Attributes:
-        impulse: [Ns]; 0 if not even the smallest cell holds.
-        trials, recovered: whole trials at that impulse, and how many recovered (0 of 0 at 0 Ns).
+        size: in the scenario's unit; 0 if not even the smallest cell holds.
+        trials, recovered: whole trials at that size, and how many recovered (0 of 0 at a size of 0).
         low, high: Wilson 95 % interval of the recovered share there.
         limited_by: what stopped it: "gives way", "share" or "search".
     """
 
     line: Line
-    impulse: float
+    size: float
     trials: int
     recovered: int
     low: float
@@ -82,38 +56,63 @@ class Store(Protocol):
 
     def get(self, trial: Trial) -> Outcome | None: ...
 
-    def put(self, trial: Trial, outcome: Outcome) -> None: ...
+    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None: ...
 
 
-def push_lines(body: str = "pelvis", num_directions: int = 4, without_step: bool = False) -> list[Line]:
-    """Lines in evenly spaced directions; the four main ones bear their names, others their angle in degrees."""
-    names = {round(float(np.degrees(angle))): name for name, angle in DIRECTIONS.items()}
-    degrees = np.arange(num_directions) * 360.0 / num_directions
-    return [
-        Line(
-            names.get(d, f"{d:g}") if d == round(d) else f"{d:g}", body, float(np.radians(d)), without_step=without_step
-        )
-        for d in degrees.tolist()
-    ]
+OnProgress = Callable[[int, int, list[tuple[Line, float]]], None]
+"""Told after every trial: trials done, lines done, and the size reached along each line."""
+
+
+def push_lines(num_directions: int = 4) -> list[Line]:
+    """Lines of pushes at the pelvis in evenly spaced directions; the four main ones bear their names."""
+    return Scenario("pelvis_push", directions=num_directions).lines()
+
+
+def run_scenarios(
+    policy: Policy,
+    scenarios: Iterable[Scenario],
+    store: Store | None = None,
+    on_progress: OnProgress | None = None,
+    **options,
+) -> list[Threshold]:
+    """Run the trials of all scenarios, those in the same world as one batch.
+
+    Args:
+        store: asked before a trial is run, told afterwards.
+        options: those of `run_trials`.
+
+    Returns:
+        The thresholds of all lines that are searched.
+    """
+    scenarios = list(scenarios)
+    thresholds: list[Threshold] = []
+    for world in dict.fromkeys(scenario.world for scenario in scenarios):
+        lines = [line for s in scenarios if s.world == world for line in s.lines()]
+        search = _Search(lines, store, on_progress)
+        run_trials(policy, search, world=world, **options)
+        thresholds += search.thresholds()
+    return thresholds
 
 
 def find_thresholds(
     policy: Policy,
     lines: Sequence[Line],
     store: Store | None = None,
-    on_progress: Callable[[int, list[float]], None] | None = None,
+    on_progress: OnProgress | None = None,
     num_slots: int = NUM_SLOTS,
     num_threads: int = 0,
 ) -> list[Threshold]:
-    """Search the rejected impulse along several lines at once, in one batch of robots.
-
-    Args:
-        store: asked before a trial is run, told afterwards.
-        on_progress: called after every trial with the trials done and the impulse reached along each line [Ns].
-    """
+    """Search several lines of one world at once, in one batch of robots; arguments as for `run_scenarios`."""
     search = _Search(lines, store, on_progress)
-    run_trials(policy, search, num_slots, num_threads)
-    return [climb.result() for climb in search.climbs]
+    run_trials(policy, search, num_slots, num_threads, world=lines[0].scenario.world)
+    return search.thresholds()
+
+
+def whole_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:
+    """Outcomes of the whole trials at a threshold."""
+    cell = round(threshold.size / threshold.line.grid)
+    trials = (threshold.line.trial(cell, seed, whole=True) for seed in range(threshold.trials))
+    return [outcome for trial in trials if (outcome := store.get(trial))]
 
 
 def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
@@ -127,54 +126,103 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
     return max(0.0, float((center - spread) / scale)), min(1.0, float((center + spread) / scale))
 
 
+@dataclass(frozen=True)
+class _Ask:
+    """A trial that a line wants, and for which of its cells."""
+
+    trial: Trial
+    cell: int
+    whole: bool
+
+
 class _Search(TrialSource):
     """Hands out the trials of all lines in turn, and known outcomes without running them."""
 
-    def __init__(
-        self, lines: Sequence[Line], store: Store | None, on_progress: Callable[[int, list[float]], None] | None
-    ):
+    def __init__(self, lines: Sequence[Line], store: Store | None, on_progress: OnProgress | None):
         self._recall = store.get if store else lambda trial: None
-        self.climbs = [_Climb(line, self._recall) for line in lines]
+        self.climbs: list[_Climb | _Fixed] = [
+            _Climb(line, self._recall) if line.scenario.search else _Fixed(line) for line in lines
+        ]
         self._store = store
         self._on_progress = on_progress
         self._num_done = 0
         self._turn = deque(self.climbs)
-        self._running: dict[Trial, list[_Climb]] = {}
+        self._running: dict[Trial, list[tuple[_Climb | _Fixed, _Ask]]] = {}
+
+    def thresholds(self) -> list[Threshold]:
+        return [climb.result() for climb in self.climbs if isinstance(climb, _Climb)]
 
     def next(self) -> Trial | None:
-        while True:
+        while (found := self._ask()) is not None:
+            climb, ask = found
+            if ask.trial in self._running:  # two lines may ask for the same trial, with and without stepping
+                self._running[ask.trial].append((climb, ask))
+                continue
+            known = self._recall(ask.trial)
+            if known is None:
+                self._running[ask.trial] = [(climb, ask)]
+                return ask.trial
+            climb.report(ask, known)
+        return None
+
+    def _ask(self) -> tuple[_Climb | _Fixed, _Ask] | None:
+        """What is needed comes first; only if nothing is, what may be needed."""
+        for ahead in (False, True):
             for _ in range(len(self._turn)):
                 climb = self._turn[0]
                 self._turn.rotate(-1)
-                trial = climb.next()
-                if trial is not None:
-                    break
-            else:
-                return None
-            if trial in self._running:  # two lines may ask for the same trial, with and without stepping
-                self._running[trial].append(climb)
-                continue
-            known = self._recall(trial)
-            if known is None:
-                self._running[trial] = [climb]
-                return trial
-            climb.report(trial, known)
+                ask = climb.next(ahead)
+                if ask is not None:
+                    return climb, ask
+        return None
 
     def report(self, trial: Trial, outcome: Outcome) -> None:
+        asked = self._running.pop(trial)
         if self._store:
-            self._store.put(trial, outcome)
-        for climb in self._running.pop(trial):
-            climb.report(trial, outcome)
+            self._store.put(trial, outcome, asked[0][0].line.scenario.name)
+        for climb, ask in asked:
+            climb.report(ask, outcome)
         self._num_done += 1
         if self._on_progress:
-            self._on_progress(self._num_done, [climb.reached for climb in self.climbs])
+            num_lines = sum(climb.done for climb in self.climbs)
+            self._on_progress(self._num_done, num_lines, [(climb.line, climb.reached) for climb in self.climbs])
 
     def wants(self, trial: Trial) -> bool:
-        return any(climb.wants(trial) for climb in self._running[trial])
+        return any(climb.wants(ask) for climb, ask in self._running[trial])
 
     def drop(self, trial: Trial) -> None:
-        for climb in self._running.pop(trial):
-            climb.waiting -= 1
+        for climb, ask in self._running.pop(trial):
+            climb.drop(ask)
+
+
+class _Fixed:
+    """The trials of a line along which nothing is searched."""
+
+    def __init__(self, line: Line):
+        self.line = line
+        trials = line.fixed_trials()
+        self._todo = deque(_Ask(trial, 0, whole=True) for trial in trials)
+        self._left = len(trials)
+
+    @property
+    def done(self) -> bool:
+        return self._left == 0
+
+    @property
+    def reached(self) -> float:
+        return float(self.line.scenario.trials - self._left)
+
+    def next(self, ahead: bool) -> _Ask | None:
+        return self._todo.popleft() if self._todo and not ahead else None
+
+    def report(self, ask: _Ask, outcome: Outcome) -> None:
+        self._left -= 1
+
+    def wants(self, ask: _Ask) -> bool:
+        return True
+
+    def drop(self, ask: _Ask) -> None:
+        """Never happens: every trial is wanted."""
 
 
 class _Climb:
@@ -188,14 +236,14 @@ class _Climb:
     def __init__(self, line: Line, recall: Callable[[Trial], Outcome | None]):
         self.line = line
         self._recall = recall
-        self.top = int(MAX_IMPULSE / GRID)
+        self.top = line.num_cells
         """The highest cell that may still hold: every smaller one is to be sampled, none of them gives way."""
         self.gave_way = False
         self.sampled: dict[int, list[bool]] = {}
         self.whole: dict[int, list[bool]] = {}
-        self.waiting = 0
+        self._num_sampling = 0
         self._to_sample: deque[tuple[int, int]] = deque()
-        self._to_judge: deque[int] = deque()
+        self._to_judge: dict[int, deque[int]] = {}
         self._candidate: int | None = None
         for cell in range(1, self.top):
             for seed in range(NUM_SAMPLED):
@@ -206,60 +254,81 @@ class _Climb:
                     self._add_sample(cell, line.succeeded(known))
 
     @property
+    def done(self) -> bool:
+        return self._candidate is not None and not self._undecided(self._candidate)
+
+    @property
     def reached(self) -> float:
-        """Lower end of what is not yet known [Ns], for showing."""
+        """Lower end of what is not yet known, for showing."""
         if self._candidate is not None:
-            return self._candidate * GRID
+            return self.line.size(self._candidate)
         full = [cell for cell, outcomes in self.sampled.items() if len(outcomes) == NUM_SAMPLED]
-        return min(max(full, default=0), self.top) * GRID
+        return self.line.size(min(max(full, default=0), self.top))
 
-    def next(self) -> Trial | None:
-        trial = self._next_sample() if self._candidate is None else None
-        if trial is None and self.waiting == 0 and self._candidate is None:
-            self._candidate = self._next_candidate(self.top)
-        if trial is None and self._candidate:
-            trial = self._next_whole()
-        self.waiting += trial is not None
-        return trial
+    def next(self, ahead: bool) -> _Ask | None:
+        """The next trial; with `ahead`, one that is only needed if the candidate turns out not to hold."""
+        if self._candidate is None:
+            return None if ahead else self._next_sample()
+        for cell in self._candidates()[1 if ahead else 0 : LOOK_AHEAD if ahead else 1]:
+            if cell not in self._to_judge:
+                self._begin_candidate(cell)
+                if cell == self._candidate and self._descend():
+                    return self.next(ahead)
+            if self._to_judge[cell]:
+                return self._ask(cell, self._to_judge[cell].popleft(), whole=True)
+        return None
 
-    def _next_sample(self) -> Trial | None:
+    def _next_sample(self) -> _Ask | None:
         while self._to_sample:
             cell, seed = self._to_sample.popleft()
             if cell < self.top:
-                return self.line.trial(cell, seed, whole=False)
-        return None
-
-    def _next_whole(self) -> Trial | None:
-        while self._candidate and self._candidate not in self.whole:
-            self._begin_candidate(self._candidate)
-        if not self._candidate or not self._to_judge:
+                self._num_sampling += 1
+                return self._ask(cell, seed, whole=False)
+        if self._num_sampling:
             return None
-        return self.line.trial(self._candidate, self._to_judge.popleft(), whole=True)
+        self._candidate = self._next_candidate(self.top)
+        return self.next(ahead=False)
+
+    def _ask(self, cell: int, seed: int, whole: bool) -> _Ask:
+        return _Ask(self.line.trial(cell, seed, whole), cell, whole)
+
+    def _candidates(self) -> list[int]:
+        """The candidate, and who comes next should it not hold; none once it does."""
+        cells: list[int] = []
+        cell = self._candidate or 0
+        while cell > 0 and len(cells) < LOOK_AHEAD and self._undecided(self._candidate or 0):
+            cells.append(cell)
+            cell = self._next_candidate(cell - 1)
+        return cells
+
+    def _undecided(self, cell: int) -> bool:
+        return cell > 0 and len(self.whole.get(cell, [])) < NUM_WHOLE
 
     def _begin_candidate(self, cell: int) -> None:
-        self.whole[cell] = []
+        outcomes = self.whole.setdefault(cell, [])
+        self._to_judge[cell] = deque()
         for seed in range(NUM_WHOLE):
             known = self._recall(self.line.trial(cell, seed, whole=True))
             if known is None:
-                self._to_judge.append(seed)
+                self._to_judge[cell].append(seed)
             else:
-                self.whole[cell].append(self.line.succeeded(known))
-        self._judge(cell)
+                outcomes.append(self.line.succeeded(known))
 
-    def wants(self, trial: Trial) -> bool:
+    def wants(self, ask: _Ask) -> bool:
         """Not the trials of a candidate that was left, nor those above where cells give way."""
-        cell = round(trial.push.impulse / GRID)
-        return cell == self._candidate if trial.whole else cell < self.top
+        return ask.cell in self._candidates() if ask.whole else ask.cell < self.top
 
-    def report(self, trial: Trial, outcome: Outcome) -> None:
-        self.waiting -= 1
-        cell = round(trial.push.impulse / GRID)
+    def drop(self, ask: _Ask) -> None:
+        self._num_sampling -= not ask.whole
+
+    def report(self, ask: _Ask, outcome: Outcome) -> None:
         succeeded = self.line.succeeded(outcome)
-        if trial.whole:
-            self.whole[cell].append(succeeded)
-            self._judge(cell)
+        if ask.whole:
+            self.whole[ask.cell].append(succeeded)
+            self._descend()
         else:
-            self._add_sample(cell, succeeded)
+            self._num_sampling -= 1
+            self._add_sample(ask.cell, succeeded)
 
     def _add_sample(self, cell: int, succeeded: bool) -> None:
         self.sampled.setdefault(cell, []).append(succeeded)
@@ -267,7 +336,7 @@ class _Climb:
             self._look_for_gap(cell)
 
     def _look_for_gap(self, cell: int) -> None:
-        """Lower `top` if four neighbouring cells about `cell` give way, which bars every impulse above them."""
+        """Lower `top` if four neighbouring cells about `cell` give way, which bars every size above them."""
         for last in range(max(cell, NEIGHBOURS), cell + NEIGHBOURS):
             if last < self.top and self._gives_way(range(last - NEIGHBOURS + 1, last + 1)):
                 self.top = last
@@ -275,22 +344,27 @@ class _Climb:
                 return
 
     def _gives_way(self, cells: range) -> bool:
-        """Do these cells together fail too often, whatever is still running?"""
+        """Whatever the trials still missing may bring."""
         allowed = (1.0 - MIN_NEIGHBOUR_SHARE) * NUM_SAMPLED * len(cells) + 1e-9
         return sum(self._failures(cell) for cell in cells) > allowed
 
     def _failures(self, cell: int) -> int:
         return self.sampled.get(cell, []).count(False)
 
-    def _judge(self, cell: int) -> None:
-        """Leave a candidate as soon as it cannot hold any more."""
-        if self.whole[cell].count(False) > _MAX_FAILURES and cell == self._candidate:
-            self._to_judge.clear()
-            self._candidate = self._next_candidate(cell - 1)
+    def _descend(self) -> bool:
+        """Leave every candidate that cannot hold any more; was one left?"""
+        before = self._candidate
+        while self._candidate and self.whole.get(self._candidate, []).count(False) > _MAX_FAILURES:
+            self._candidate = self._next_candidate(self._candidate - 1)
+        return self._candidate != before
 
     def _next_candidate(self, cell: int) -> int:
-        """The next cell down that the sampled trials do not rule out already; 0 for none."""
-        while cell > 0 and (self._failures(cell) > _MAX_FAILURES or self._gap_at_the_foot(cell)):
+        """The next cell down that the trials so far do not rule out already; 0 for none."""
+        while cell > 0 and (
+            self._failures(cell) > _MAX_FAILURES
+            or self.whole.get(cell, []).count(False) > _MAX_FAILURES
+            or self._gap_at_the_foot(cell)
+        ):
             cell -= 1
         return cell
 
@@ -300,10 +374,7 @@ class _Climb:
 
     def result(self) -> Threshold:
         cell = self._candidate or 0
-        outcomes = self.whole.get(cell, [])
+        outcomes = self.whole.get(cell, []) if cell else []
         low, high = wilson_interval(sum(outcomes), len(outcomes))
         limit = "search" if not self.gave_way else "gives way" if cell == self.top else "share"
-        return Threshold(self.line, cell * GRID, len(outcomes), sum(outcomes), low, high, limit)
-
-
-_MAX_FAILURES = int((1.0 - MIN_SHARE) * NUM_WHOLE + 1e-9)
+        return Threshold(self.line, self.line.size(cell), len(outcomes), sum(outcomes), low, high, limit)

@@ -2,7 +2,8 @@
 
 The vector of Yang et al. 2018, section IV-C, in R^47: positions are relative to the pelvis, and every vector is
 turned into the heading frame (the world turned by the pelvis yaw). Units: rad, m, m/s, rad/s; joint velocities as a
-share of their limit, foot forces in units of 800 N.
+share of their limit, foot forces in units of 800 N. The functions give SI units, the table the unit to divide by:
+the policy needs one filtered vector per step, so that the division waits until after the filter.
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ def joint_position(ticks: Ticks) -> np.ndarray:
 
 
 def joint_velocity(ticks: Ticks) -> np.ndarray:
-    return ticks.joint_velocity / ticks.robot.velocity_limit
+    return ticks.joint_velocity
 
 
 def pelvis_velocity(ticks: Ticks) -> np.ndarray:
-    return to_heading(ticks, ticks["pelvis_velocity"])
+    return ticks.in_heading("pelvis_velocity")
 
 
 def pelvis_angular_velocity(ticks: Ticks) -> np.ndarray:
-    return to_heading(ticks, ticks["pelvis_angular_velocity"])
+    return ticks.in_heading("pelvis_angular_velocity")
 
 
 def pelvis_attitude(ticks: Ticks) -> np.ndarray:
@@ -39,27 +40,27 @@ def pelvis_attitude(ticks: Ticks) -> np.ndarray:
 
 
 def com_velocity(ticks: Ticks) -> np.ndarray:
-    return to_heading(ticks, ticks.com_velocity)
+    return ticks.in_heading("com_velocity")
 
 
 def com_position(ticks: Ticks) -> np.ndarray:
-    return to_heading(ticks, ticks.com_position - ticks["pelvis_position"])
+    return ticks.in_heading("com_position")
 
 
 def foot_force(ticks: Ticks) -> np.ndarray:
-    return ticks.foot_force / FOOT_FORCE_UNIT
+    return ticks.foot_force
 
 
 def torso_position(ticks: Ticks) -> np.ndarray:
-    return to_heading(ticks, ticks["torso_position"] - ticks["pelvis_position"])
+    return ticks.in_heading("torso_position")
 
 
 def left_foot_position(ticks: Ticks) -> np.ndarray:
-    return to_heading(ticks, ticks["left_sole_position"] - ticks["pelvis_position"])
+    return ticks.in_heading("left_sole_position")
 
 
 def right_foot_position(ticks: Ticks) -> np.ndarray:
-    return to_heading(ticks, ticks["right_sole_position"] - ticks["pelvis_position"])
+    return ticks.in_heading("right_sole_position")
 
 
 _XYZ = ("x", "y", "z")
@@ -71,25 +72,27 @@ class Quantity(NamedTuple):
     Attributes:
         function: from ticks to (num_robots, num_ticks, size).
         components: their names; None for one per joint.
-        scale: how far the quantity typically moves, which normalises a network's input.
+        scale: how far the quantity typically moves, in its unit, which normalises a network's input.
         axial: a vector of rotation, which a mirror turns the other way round.
+        unit: of a component, in SI units.
     """
 
     function: Callable[[Ticks], np.ndarray]
     components: tuple[str, ...] | None
     scale: float
     axial: bool = False
+    unit: Callable[[Robot], np.ndarray | float] = lambda robot: 1.0
 
 
 TABLE: dict[str, Quantity] = {
     "joint_position": Quantity(joint_position, None, scale=0.3),
-    "joint_velocity": Quantity(joint_velocity, None, scale=0.2),
+    "joint_velocity": Quantity(joint_velocity, None, scale=0.2, unit=lambda robot: robot.velocity_limit),
     "pelvis_velocity": Quantity(pelvis_velocity, _XYZ, scale=0.5),
     "pelvis_angular_velocity": Quantity(pelvis_angular_velocity, _XYZ, scale=1.0, axial=True),
     "pelvis_attitude": Quantity(pelvis_attitude, ("roll", "pitch"), scale=0.2),
     "com_velocity": Quantity(com_velocity, _XYZ, scale=0.5),
     "com_position": Quantity(com_position, _XYZ, scale=0.1),
-    "foot_force": Quantity(foot_force, ("left", "right"), scale=0.5),
+    "foot_force": Quantity(foot_force, ("left", "right"), scale=0.5, unit=lambda robot: FOOT_FORCE_UNIT),
     "torso_position": Quantity(torso_position, _XYZ, scale=0.1),
     "left_foot_position": Quantity(left_foot_position, _XYZ, scale=0.2),
     "right_foot_position": Quantity(right_foot_position, _XYZ, scale=0.2),
@@ -108,6 +111,13 @@ def component_names(robot: Robot) -> tuple[str, ...]:
 def scales(robot: Robot) -> np.ndarray:
     """Typical deviation of every component, (47,)."""
     return np.array([TABLE[name.split(".")[0]].scale for name in component_names(robot)])
+
+
+def units(robot: Robot) -> np.ndarray:
+    """Unit of every component in SI units, (47,)."""
+    sizes = (len(quantity.components or robot.joint_names) for quantity in TABLE.values())
+    pairs = zip(TABLE.values(), sizes, strict=True)
+    return np.concatenate([np.broadcast_to(quantity.unit(robot), size) for quantity, size in pairs])
 
 
 def mirror(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
@@ -135,19 +145,11 @@ def _mirror_sign(name: str) -> float:
     return -1.0 if component == "y" or component.endswith("roll") else 1.0
 
 
+def quantities(ticks: Ticks) -> list[np.ndarray]:
+    """The parts of the vector in its order, in SI units, unfiltered: (num_robots, num_ticks, size) each."""
+    return [quantity.function(ticks) for quantity in TABLE.values()]
+
+
 def observe(ticks: Ticks) -> np.ndarray:
     """The observation vector of every tick, unfiltered: (num_robots, num_ticks, 47) float64."""
-    return np.concatenate([quantity.function(ticks) for quantity in TABLE.values()], axis=-1)
-
-
-def to_heading(ticks: Ticks, vector: np.ndarray) -> np.ndarray:
-    """Turn world vectors (num_robots, num_ticks, 3) into the heading frame: x forward, y left, z up."""
-    cos, sin = ticks.heading
-    x, y = vector[..., 0], vector[..., 1]
-    turned = np.empty(vector.shape)
-    np.multiply(cos, x, out=turned[..., 0])
-    turned[..., 0] += sin * y
-    np.multiply(cos, y, out=turned[..., 1])
-    turned[..., 1] -= sin * x
-    turned[..., 2] = vector[..., 2]
-    return turned
+    return np.concatenate(quantities(ticks), axis=-1) / units(ticks.robot)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot import plots, tables, video
-from surefoot.evaluation import GRID, Threshold
+from surefoot import paper, plots, tables, video
+from surefoot.evaluation import Threshold
 from surefoot.policy import Policy
 from surefoot.robot import Robot
 
@@ -22,14 +22,17 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
         policies: thresholds at the pelvis by the policy's name; the four main directions must be among them.
     """
     rows = [_bar_row(name, thresholds) for name, thresholds in policies.items()]
-    equation = tables.PAPER_TABLE_1["equation (6)"]
+    equation = paper.TABLE_1["equation (6)"]
     sagittal, lateral = tables.worse_bounds(robot)
     rows.append(plots.BarRow("equation (6)", sagittal, lateral, equation.sagittal, equation.lateral))
     bars, polar = folder / "bars.png", folder / "polar.png"
     plots.bars_beside_paper(rows, bars)
     angles = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False).tolist()
     bound = list(zip(angles, tables.capture_point_bound(robot, "straight", angles), strict=True))
-    points = {name: [(t.line.angle, t.impulse) for t in thresholds] for name, thresholds in policies.items()}
+    points = {
+        name: [(t.line.angle, t.size) for t in tables.pelvis_pushes(thresholds).values()]
+        for name, thresholds in policies.items()
+    }
     plots.polar_map(points, bound, polar, title="Rejected impulse at the pelvis")
     return [bars, polar]
 
@@ -40,19 +43,18 @@ def draw_strip(policy: Policy, thresholds: Sequence[Threshold], path: Path) -> P
     Raises:
         UserError: there is no OpenGL to draw with.
     """
-    by_name = {t.line.name: t for t in thresholds}
-    forward, left = by_name["forward"], by_name["left"]
-    too_much = max(by_name.values(), key=lambda t: t.impulse)
-    trials = [t.line.trial(round(t.impulse / GRID), STRIP_SEED, whole=True) for t in (forward, left)]
-    trials.append(too_much.line.trial(round(1.5 * too_much.impulse / GRID) + 5, STRIP_SEED, whole=True))
+    pushes = tables.pelvis_pushes(thresholds)
+    forward, left = pushes["forward"], pushes["left"]
+    too_much = max(pushes.values(), key=lambda t: t.size)
+    trials = [t.line.trial(round(t.size / t.line.grid), STRIP_SEED, whole=True) for t in (forward, left)]
+    trials.append(too_much.line.trial(round(1.5 * too_much.size / too_much.line.grid) + 5, STRIP_SEED, whole=True))
     recordings = [video.record(policy, trial) for trial in trials]
     video.save_picture(path, video.filmstrip(recordings))
     return path
 
 
 def _bar_row(name: str, thresholds: Sequence[Threshold]) -> plots.BarRow:
-    by_name = {t.line.name: t for t in thresholds}
-    sagittal = tables.worse_of(by_name, ("forward", "backward")).impulse
-    lateral = tables.worse_of(by_name, ("left", "right")).impulse
-    paper = tables.paper_row(name)
-    return plots.BarRow(name, sagittal, lateral, *(paper or (None, None)))
+    pushes = tables.pelvis_pushes(thresholds)
+    sagittal = tables.worse_of(pushes, ("forward", "backward")).size
+    lateral = tables.worse_of(pushes, ("left", "right")).size
+    return plots.BarRow(name, sagittal, lateral, *(tables.paper_row(name) or (None, None)))

@@ -7,52 +7,64 @@ evaluation goes on where it was, and a changed robot never answers for an old on
 from __future__ import annotations
 
 import csv
+import dataclasses
 import hashlib
+import json
+import math
 import sqlite3
 import time
-from collections.abc import Iterable
-from dataclasses import astuple
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import mujoco
 
 import surefoot
-from surefoot import trials
-from surefoot.disturbance import Push
+from surefoot import judge, trials
+from surefoot.control import Imperfections
+from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
 from surefoot.evaluation import Line, Threshold
+from surefoot.judge import Outcome
 from surefoot.policy import Policy
-from surefoot.robot import load_robot
-from surefoot.trials import Outcome, Trial
+from surefoot.robot import World, load_robot
+from surefoot.scenarios import Scenario, from_json
+from surefoot.trials import Trial
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the tables, in SQLite's `user_version`."""
 COMMIT_S = 0.5
 """At most this much work is lost when the process is killed."""
 
-_TABLES = """
+_OUTCOME_TYPES = {"bool": "INTEGER", "int": "INTEGER", "float": "REAL", "str": "TEXT", "tuple[float, ...]": "TEXT"}
+_OUTCOME = {field.name: str(field.type) for field in dataclasses.fields(Outcome)}
+_OUTCOME_COLUMNS = ", ".join(_OUTCOME)
+
+_TABLES = f"""
 CREATE TABLE IF NOT EXISTS policies (
     policy TEXT PRIMARY KEY, name TEXT NOT NULL, contract TEXT NOT NULL
 );
 CREATE TABLE IF NOT EXISTS trials (
     id INTEGER PRIMARY KEY,
     policy TEXT NOT NULL, setup TEXT NOT NULL,
-    body TEXT NOT NULL, x REAL NOT NULL, y REAL NOT NULL, z REAL NOT NULL,
-    impulse_Ns REAL NOT NULL, start_s REAL NOT NULL, duration_s REAL NOT NULL,
-    seed INTEGER NOT NULL, whole INTEGER NOT NULL,
-    recovered INTEGER NOT NULL, reason TEXT NOT NULL, seconds REAL NOT NULL, foot_shift_m REAL NOT NULL,
-    com_speed_m_s REAL, torque_ratio REAL NOT NULL, speed_ratio REAL NOT NULL,
+    scenario TEXT NOT NULL, body TEXT NOT NULL, angle_deg REAL, impulse_Ns REAL NOT NULL, drop_m REAL NOT NULL,
+    seed INTEGER NOT NULL, whole INTEGER NOT NULL, trial TEXT NOT NULL,
+    {", ".join(f"{name} {_OUTCOME_TYPES[kind]}" for name, kind in _OUTCOME.items())},
     surefoot TEXT NOT NULL, mujoco TEXT NOT NULL,
-    UNIQUE (policy, setup, body, x, y, z, impulse_Ns, start_s, duration_s, seed, whole)
+    UNIQUE (policy, setup, trial)
+);
+CREATE TABLE IF NOT EXISTS scenarios (
+    policy TEXT NOT NULL, setup TEXT NOT NULL, scenario TEXT NOT NULL, definition TEXT NOT NULL, wall_s REAL NOT NULL,
+    UNIQUE (policy, setup, scenario)
 );
 CREATE TABLE IF NOT EXISTS thresholds (
     policy TEXT NOT NULL, setup TEXT NOT NULL,
-    direction TEXT NOT NULL, body TEXT NOT NULL, angle_rad REAL NOT NULL, duration_s REAL NOT NULL,
-    without_step INTEGER NOT NULL,
-    impulse_Ns REAL NOT NULL, trials INTEGER NOT NULL, recovered INTEGER NOT NULL, low REAL NOT NULL,
-    high REAL NOT NULL, limited_by TEXT NOT NULL,
-    UNIQUE (policy, setup, body, angle_rad, duration_s, without_step)
+    scenario TEXT NOT NULL, direction TEXT NOT NULL, angle_rad REAL NOT NULL,
+    size REAL NOT NULL, unit TEXT NOT NULL, trials INTEGER NOT NULL, recovered INTEGER NOT NULL, low REAL NOT NULL,
+    high REAL NOT NULL, limited_by TEXT NOT NULL, definition TEXT NOT NULL,
+    UNIQUE (policy, setup, scenario, direction)
 );
 """
 EXPORT_SUFFIXES = (".csv", ".parquet")
@@ -60,8 +72,21 @@ _EXPORTS = {
     "policies": "SELECT * FROM policies",
     "trials": "SELECT name, trials.* FROM trials JOIN policies USING (policy) ORDER BY name, id",
     "thresholds": "SELECT name, thresholds.* FROM thresholds JOIN policies USING (policy) "
-    "ORDER BY name, body, without_step, angle_rad",
+    "ORDER BY name, scenario, angle_rad",
+    "scenarios": "SELECT name, scenarios.* FROM scenarios JOIN policies USING (policy) ORDER BY name, scenario",
 }
+
+
+@dataclass(frozen=True)
+class Row:
+    """A trial as it stands in the table: enough to run it again."""
+
+    policy_name: str
+    policy: str
+    setup: str
+    scenario: str
+    trial: Trial
+    outcome: Outcome
 
 
 class Results:
@@ -103,24 +128,78 @@ class Results:
         """The policy's trials, as the evaluation's store."""
         row = (policy.digest, policy.name, policy.contract.to_json())
         self._db.execute("INSERT OR REPLACE INTO policies VALUES (?, ?, ?)", row)
-        return TrialStore(self._db, policy)
+        return TrialStore(self._db, policy.digest, setup_digest(policy.contract.robot))
 
     def add_thresholds(self, policy: Policy, thresholds: Iterable[Threshold]) -> None:
         """Keep what was found, in place of what was found before along the same lines."""
         key = (policy.digest, setup_digest(policy.contract.robot))
-        rows = [(*key, *astuple(t.line), *astuple(t)[1:]) for t in thresholds]
+        rows = [
+            (
+                *key, t.line.scenario.name, t.line.name, t.line.angle, t.size, t.line.scenario.unit, t.trials,
+                t.recovered, t.low, t.high, t.limited_by, _definition(t.line.scenario),
+            )
+            for t in thresholds
+        ]  # fmt: skip
         self._db.executemany(f"INSERT OR REPLACE INTO thresholds VALUES ({', '.join('?' * 13)})", rows)
         self._db.commit()
 
+    def add_scenarios(self, policy: Policy, scenarios: Iterable[Scenario], wall_s: float) -> None:
+        """Note that these have been run to their end, in so many seconds altogether."""
+        key = (policy.digest, setup_digest(policy.contract.robot))
+        rows = [(*key, scenario.name, _definition(scenario), wall_s) for scenario in scenarios]
+        self._db.executemany("INSERT OR REPLACE INTO scenarios VALUES (?, ?, ?, ?, ?)", rows)
+        self._db.commit()
+
+    def policies(self) -> dict[str, tuple[str, str]]:
+        """Name -> (digest, contract as JSON) of every policy in the table."""
+        return {name: (digest, text) for digest, name, text in self._db.execute("SELECT * FROM policies")}
+
     def thresholds_of(self, policy_name: str) -> list[Threshold]:
         """The thresholds of the policy of this name, as they were found."""
-        rows = self._db.execute(
-            "SELECT direction, body, angle_rad, duration_s, without_step, impulse_Ns, trials, recovered, low, high,"
-            " limited_by FROM thresholds JOIN policies USING (policy) WHERE name = ? ORDER BY body, without_step,"
-            " angle_rad",
+        cursor = self._db.execute(
+            "SELECT thresholds.* FROM thresholds JOIN policies USING (policy) WHERE name = ?"
+            " ORDER BY scenario, angle_rad",
             (policy_name,),
         )
-        return [_threshold(*row) for row in rows]
+        return [_threshold(values) for values in _as_dicts(cursor)]
+
+    def fixed_outcomes(self, policy_name: str) -> dict[str, dict[Trial, Outcome]]:
+        """Outcomes of the scenarios in which nothing is searched, by scenario."""
+        found: dict[str, dict[Trial, Outcome]] = {}
+        for policy, setup, name, definition, _ in self._db.execute(
+            "SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ?", (policy_name,)
+        ).fetchall():
+            scenario = from_json(json.loads(definition))
+            if not scenario.search:
+                known = TrialStore(self._db, policy, setup)
+                asked = [trial for line in scenario.lines() for trial in line.fixed_trials()]
+                found[name] = {trial: outcome for trial in asked if (outcome := known.get(trial))}
+        return found
+
+    def audit(self, policy: Policy) -> tuple[float, float]:
+        """Largest share of a torque and of a speed limit that any of the policy's trials used."""
+        return self._db.execute(
+            "SELECT max(torque_ratio), max(speed_ratio) FROM trials WHERE policy = ? AND setup = ?",
+            (policy.digest, setup_digest(policy.contract.robot)),
+        ).fetchone()
+
+    def row(self, row_id: int) -> Row:
+        """One trial by the `id` of its row.
+
+        Raises:
+            UserError: there is no such row.
+        """
+        cursor = self._db.execute(
+            f"SELECT name, policy, setup, scenario, trial, {_OUTCOME_COLUMNS} FROM trials JOIN policies USING (policy)"
+            " WHERE id = ?",
+            (row_id,),
+        )
+        values = cursor.fetchone()
+        if values is None:
+            last = self._db.execute("SELECT max(id) FROM trials").fetchone()[0] or 0
+            raise UserError(f"{self.path} has no row {row_id}; valid: 1 to {last}")
+        name, policy, setup, scenario, trial, *outcome = values
+        return Row(name, policy, setup, scenario, trial_from_json(trial), _outcome(outcome))
 
     def export(self, table: str, path: str | Path) -> None:
         """Write one table to a .csv or .parquet file.
@@ -136,9 +215,7 @@ class Results:
             raise UserError(f"unknown table '{table}'; valid: {', '.join(_EXPORTS)}")
         check_export(path)
         write = pyarrow.csv.write_csv if Path(path).suffix == ".csv" else pyarrow.parquet.write_table
-        cursor = self._db.execute(_EXPORTS[table])
-        names = [column[0] for column in cursor.description]
-        rows = [dict(zip(names, row, strict=True)) for row in cursor]
+        rows = _as_dicts(self._db.execute(_EXPORTS[table]))
         try:
             write(pyarrow.Table.from_pylist(rows), str(path))
         except OSError as error:
@@ -146,30 +223,29 @@ class Results:
 
 
 class TrialStore:
-    """Outcomes of one policy's trials under today's setup."""
+    """Outcomes of one policy's trials under one setup."""
 
-    def __init__(self, db: sqlite3.Connection, policy: Policy):
+    def __init__(self, db: sqlite3.Connection, policy: str, setup: str):
         self._db = db
-        self._key = (policy.digest, setup_digest(policy.contract.robot))
+        self._key = (policy, setup)
         self._versions = (surefoot.__version__, mujoco.__version__)
         self._committed = time.monotonic()
-        rows = db.execute(
-            "SELECT body, x, y, z, impulse_Ns, start_s, duration_s, seed, whole, recovered, reason, seconds,"
-            " foot_shift_m, com_speed_m_s, torque_ratio, speed_ratio FROM trials WHERE policy = ? AND setup = ?",
-            self._key,
-        )
-        self._known = {_trial(*row[:9]): _outcome(*row[9:]) for row in rows}
+        rows = db.execute(f"SELECT trial, {_OUTCOME_COLUMNS} FROM trials WHERE policy = ? AND setup = ?", self._key)
+        self._known = {trial_from_json(trial): _outcome(outcome) for trial, *outcome in rows}
 
     def get(self, trial: Trial) -> Outcome | None:
         return self._known.get(trial)
 
-    def put(self, trial: Trial, outcome: Outcome) -> None:
+    def put(self, trial: Trial, outcome: Outcome, scenario: str = "") -> None:
         self._known[trial] = outcome
         push = trial.push
+        x, y, _ = push.direction
+        angle = math.degrees(math.atan2(y, x)) % 360.0 if x or y else None
+        values = (getattr(outcome, name) for name in _OUTCOME)
         row = (
-            *self._key, push.body, *push.direction, push.impulse, push.start, push.duration, trial.seed,
-            int(trial.whole), int(outcome.recovered), outcome.reason, outcome.seconds, outcome.foot_shift,
-            outcome.com_speed, outcome.torque_ratio, outcome.speed_ratio, *self._versions,
+            *self._key, scenario, push.body, angle, push.impulse, trial.drop.height if trial.drop else 0.0, trial.seed,
+            int(trial.whole), trial_to_json(trial),
+            *(json.dumps(value) if isinstance(value, tuple) else value for value in values), *self._versions,
         )  # fmt: skip
         self._db.execute(f"INSERT OR REPLACE INTO trials VALUES (NULL, {', '.join('?' * len(row))})", row)
         if time.monotonic() - self._committed > COMMIT_S:
@@ -190,18 +266,11 @@ def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
     Raises:
         UserError: the file is missing or is not such a table.
     """
+    found: dict[str, list[Threshold]] = {}
     try:
         with Path(path).open(newline="") as stream:
-            rows = list(csv.DictReader(stream))
-        found: dict[str, list[Threshold]] = {}
-        for row in rows:
-            angle, duration, impulse, low, high = (
-                float(row[key]) for key in ("angle_rad", "duration_s", "impulse_Ns", "low", "high")
-            )
-            without_step, num_trials, recovered = (int(row[key]) for key in ("without_step", "trials", "recovered"))
-            line = Line(row["direction"], row["body"], angle, duration, bool(without_step))
-            threshold = Threshold(line, impulse, num_trials, recovered, low, high, row["limited_by"])
-            found.setdefault(row["name"], []).append(threshold)
+            for row in csv.DictReader(stream):
+                found.setdefault(row["name"], []).append(_threshold(row))
     except OSError as error:
         raise UserError(f"cannot read {path}: {error.strerror or error}") from error
     except (KeyError, ValueError, TypeError) as error:
@@ -211,26 +280,68 @@ def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
 
 def setup_digest(robot: str) -> str:
     """Names what an outcome depends on beside the policy: robot, physics engine, protocol."""
-    protocol = {name: value for name, value in vars(trials).items() if name.isupper() and name != "NUM_SLOTS"}
+    rules = {**vars(judge), **vars(trials)}
+    protocol = {name: value for name, value in rules.items() if name.isupper() and name != "NUM_SLOTS"}
     text = f"{load_robot(robot).xml}{mujoco.__version__}{sorted(protocol.items())}"
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _trial(
-    body: str, x: float, y: float, z: float, impulse: float, start: float, duration: float, seed: int, whole: int
-) -> Trial:
-    return Trial(Push(body, (x, y, z), impulse, start, duration), seed, bool(whole))
+def trial_to_json(trial: Trial) -> str:
+    """A trial as JSON, without what is as usual: the same text for the same trial."""
+    return json.dumps(_unusual(trial), sort_keys=True)
 
 
-def _outcome(recovered: int, reason: str, seconds: float, shift: float, speed: float | None, *ratios: float) -> Outcome:
-    torque_ratio, speed_ratio = ratios
-    speed = float("nan") if speed is None else speed
-    return Outcome(bool(recovered), reason, seconds, shift, speed, torque_ratio, speed_ratio)
+def trial_from_json(text: str) -> Trial:
+    """The inverse of `trial_to_json`."""
+    values = json.loads(text)
+    for name, kind in _PARTS.items():
+        if name in values:
+            part = values[name]
+            values[name] = kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in part.items()})
+    return Trial(**values)
 
 
-def _threshold(
-    direction: str, body: str, angle: float, duration: float, without_step: int, impulse: float, num_trials: int,
-    recovered: int, low: float, high: float, limited_by: str,
-) -> Threshold:  # fmt: skip
-    line = Line(direction, body, angle, duration, bool(without_step))
-    return Threshold(line, impulse, num_trials, recovered, low, high, limited_by)
+_PARTS: dict[str, Any] = {
+    "push": Push,
+    "first": Push,
+    "drop": Drop,
+    "imperfections": Imperfections,
+    "world": World,
+}
+_NO_DEFAULT = object()
+
+
+def _unusual(value: Any) -> dict[str, Any]:
+    """The fields of a dataclass that differ from their defaults, all the way down."""
+    found = {}
+    for field in dataclasses.fields(value):
+        content = getattr(value, field.name)
+        if content != (_NO_DEFAULT if field.default is dataclasses.MISSING else field.default):
+            found[field.name] = _unusual(content) if dataclasses.is_dataclass(content) else content
+    return found
+
+
+def _definition(scenario: Scenario) -> str:
+    return json.dumps(_unusual(scenario), sort_keys=True)
+
+
+def _outcome(values: Sequence[Any]) -> Outcome:
+    readers: dict[str, Callable[[Any], Any]] = {
+        "bool": bool,
+        "float": lambda value: float("nan") if value is None else value,  # SQLite keeps NaN as NULL
+        "tuple[float, ...]": lambda text: tuple(json.loads(text)),
+    }
+    pairs = zip(_OUTCOME.items(), values, strict=True)
+    restored: dict[str, Any] = {name: readers.get(kind, lambda value: value)(value) for (name, kind), value in pairs}
+    return Outcome(**restored)
+
+
+def _as_dicts(cursor: sqlite3.Cursor) -> list[dict[str, Any]]:
+    names = [column[0] for column in cursor.description]
+    return [dict(zip(names, row, strict=True)) for row in cursor]
+
+
+def _threshold(row: dict[str, Any]) -> Threshold:
+    line = Line(from_json(json.loads(row["definition"])), row["direction"], float(row["angle_rad"]))
+    size, low, high = (float(row[key]) for key in ("size", "low", "high"))
+    return Threshold(line, size, int(row["trials"]), int(row["recovered"]), low, high, row["limited_by"])

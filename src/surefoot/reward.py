@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.simulation import Ticks
+from surefoot.simulation import Ticks, horizontal
 
 NO_FOOT_CONTACT = -2.0
 NON_FOOT_CONTACT = -10.0
@@ -30,8 +30,7 @@ class Term(NamedTuple):
 
 def com_position_xy(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
     """Horizontal distance from the CoM to the centre of the support polygon [m]."""
-    offset = ticks.com_position[..., :2] - ticks.support_center
-    return np.hypot(offset[..., 0], offset[..., 1])
+    return np.abs(horizontal(ticks.com_position) - horizontal(ticks.support_center))
 
 
 def com_height(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
@@ -45,9 +44,8 @@ def com_velocity_xy(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
     The target is -(CoM - centre) * sqrt(g / z). In the air the term is void: an infinite error.
     """
     rate = np.sqrt(ticks.robot.gravity / np.maximum(ticks.com_height, 0.1))
-    error = (ticks.com_position[..., :2] - ticks.support_center) * rate[..., None] + ticks.com_velocity[..., :2]
-    touching = ticks.foot_contact[..., 0] | ticks.foot_contact[..., 1]
-    return np.where(touching, np.hypot(error[..., 0], error[..., 1]), np.inf)
+    offset = horizontal(ticks.com_position) - horizontal(ticks.support_center)
+    return np.where(ticks.in_the_air, np.inf, np.abs(offset * rate + horizontal(ticks.com_velocity)))
 
 
 def com_velocity_z(ticks: Ticks, nominal_com_height: float) -> np.ndarray:
@@ -114,12 +112,14 @@ def step_reward(ticks: Ticks, nominal_com_height: float, power_weight: float) ->
         means: every term's mean over robots and ticks, before its weight for the terms, after it for the penalties.
     """
     errors = np.stack([term.error(ticks, nominal_com_height) for term in TERMS.values()])
-    terms = np.exp(-_ALPHA[:, None, None] * errors**2).mean(axis=-1)
+    np.square(errors, out=errors)
+    errors *= -_ALPHA[:, None, None]
+    terms = np.exp(errors, out=errors) @ np.full(len(ticks), 1.0 / len(ticks))
     penalties = np.stack(
         [
-            NO_FOOT_CONTACT * (~ticks.foot_contact.any(axis=-1)).mean(axis=-1),
+            NO_FOOT_CONTACT * ticks.in_the_air.mean(axis=-1),
             NON_FOOT_CONTACT * ticks.non_foot_contact.mean(axis=-1),
-            -power_weight * ticks.power.mean(axis=-1),
+            -power_weight / len(ticks) * ticks.joint_power.sum(axis=(1, 2)),
         ]
     )
     reward = STEP_SCALE * (SCALE / _WEIGHT.sum() * (_WEIGHT @ terms) + penalties.sum(axis=0))

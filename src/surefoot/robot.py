@@ -14,9 +14,34 @@ from surefoot.errors import UserError
 
 ROBOTS = ("valkyrie",)
 FEET = ("left_foot", "right_foot")
+FLOOR = "floor"
 
 # Where the compiler puts the parameters of a `dcmotor` in `actuator_gainprm`.
 _MOTOR_CONSTANT, _STIFFNESS, _DAMPING, _MAX_VOLTAGE = 1, 4, 6, 7
+
+
+@dataclass(frozen=True)
+class World:
+    """What a robot stands on and is made of, as far as it may differ from the model; the defaults are the model's.
+
+    Attributes:
+        friction: sliding friction between feet and floor.
+        mass_scale: of every body's mass and inertia.
+        motor_strength: of every joint's largest torque.
+        slope: angle of the floor [rad]; it rises towards `uphill`.
+        uphill: direction in the horizontal plane [rad], counter-clockwise from +x.
+        physics_hz: rate of the physics; the joint control stays at 500 Hz.
+    """
+
+    friction: float = 1.0
+    mass_scale: float = 1.0
+    motor_strength: float = 1.0
+    slope: float = 0.0
+    uphill: float = 0.0
+    physics_hz: int = 500
+
+
+PLAIN = World()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +79,35 @@ class Robot:
         """Weight [N]; standing still, each foot carries half of it."""
         return self.mass * self.gravity
 
-    def model(self, *, visual: bool = False) -> mujoco.MjModel:
+    def model(self, world: World = PLAIN, *, visual: bool = False) -> mujoco.MjModel:
         """Compile the model; without `visual`, shapes that are only looked at are left out (same physics, faster)."""
         spec = mujoco.MjSpec.from_string(self.xml)
         spec.compiler.discardvisual = not visual
-        return spec.compile()
+        model = spec.compile()
+        if world == PLAIN:
+            return model
+        model.geom_friction[:, 0] *= world.friction
+        model.body_mass *= world.mass_scale
+        model.body_inertia *= world.mass_scale
+        model.actuator_forcerange *= world.motor_strength
+        axis = np.array([np.sin(world.uphill), -np.cos(world.uphill), 0.0])
+        mujoco.mju_axisAngle2Quat(model.geom_quat[model.geom(FLOOR).id], axis, world.slope)
+        model.opt.timestep = 1.0 / world.physics_hz
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return model
+
+    def lever_arm(self, pose: np.ndarray, body: str, lever: float) -> float:
+        """Height above a body's CoM [m] of a point `lever` above the robot's CoM, in a pose (num_joints,) [rad].
+
+        Raises:
+            UserError: the robot has no pushable body of that name.
+        """
+        model = self.model()
+        data = mujoco.MjData(model)
+        data.qpos[7:] = pose
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        return float(data.subtree_com[model.body("pelvis").id, 2] + lever - data.xipos[self.body_id(body), 2])
 
     def pose(self, name: str) -> np.ndarray:
         """Joint angles (num_joints,) [rad] of a named pose.

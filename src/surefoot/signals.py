@@ -1,6 +1,8 @@
-"""Signals between policy and joints: the low-pass filter of the observation, the path of the joint targets."""
+"""Signals between policy and joints: low-pass filter, noise and bias of the observation, path and delay of targets."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.signal import butter
@@ -35,22 +37,83 @@ class LowPass:
         self._input[ids] = signal
         self.output[ids] = signal
 
-    def __call__(self, signal: np.ndarray, ids: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Filter a block (n, block, num_signals) of robots `ids`; returns its last output (n, num_signals)."""
+    def __call__(self, signals: Sequence[np.ndarray], ids: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Filter a block of ticks of robots `ids` (n,).
+
+        Args:
+            signals: the block in parts, (n, block, size) each, `num_signals` in all.
+
+        Returns:
+            The block's last output (n, num_signals).
+        """
         self.output[ids] = (
             self._output_weight * self.output[ids]
             + self._input_weight * self._input[ids]
-            + np.matmul(self._block_weight, signal)
+            + np.concatenate([np.matmul(self._block_weight, part) for part in signals], axis=-1)
         )
-        self._input[ids] = signal[:, -1]
+        self._input[ids] = np.concatenate([part[:, -1] for part in signals], axis=-1)
         return self.output[ids]
 
 
-def cubic_path(start: np.ndarray, end: np.ndarray, num_ticks: int) -> np.ndarray:
+class Noise:
+    """Gaussian noise of its own for each of `num_robots` robots, so that no robot's depends on who else is there."""
+
+    def __init__(self, num_robots: int):
+        self._std = np.zeros(num_robots)
+        self._generators: list[np.random.Generator | None] = [None] * num_robots
+
+    def reset(self, robot: int, std: float, generator: np.random.Generator) -> None:
+        """Give one robot its standard deviation; 0 for none."""
+        self._std[robot], self._generators[robot] = std, generator if std else None
+
+    def add(self, ids: np.ndarray, signal: np.ndarray) -> np.ndarray:
+        """Signals (n, ...) of robots `ids` (n,) with their noise."""
+        noisy = np.flatnonzero(self._std[ids])
+        if not len(noisy):
+            return signal
+        signal = np.array(signal)
+        for row in noisy:
+            generator = self._generators[ids[row]]
+            assert generator is not None
+            signal[row] += self._std[ids[row]] * generator.standard_normal(signal.shape[1:])
+        return signal
+
+
+class Delay:
+    """Holds back the targets of `num_robots` robots, each by a number of ticks of its own.
+
+    Args:
+        block: ticks per call, and the longest delay.
+        size: numbers per tick.
+    """
+
+    def __init__(self, num_robots: int, block: int, size: int):
+        self._ticks = np.zeros(num_robots, np.int64)
+        self._last = np.zeros((num_robots, block, size))
+
+    def reset(self, robot: int, num_ticks: int, value: np.ndarray) -> None:
+        """Give one robot its delay, and the value (size,) that comes out until the first one arrives."""
+        self._ticks[robot] = num_ticks
+        self._last[robot] = value
+
+    def __call__(self, ids: np.ndarray, signal: np.ndarray) -> np.ndarray:
+        """Delayed signals (n, block, size) of robots `ids` (n,)."""
+        if not self._ticks[ids].any():
+            return signal
+        both = np.concatenate([self._last[ids], signal], axis=1)
+        self._last[ids] = signal
+        num_ticks = signal.shape[1]
+        when = num_ticks + np.arange(num_ticks) - self._ticks[ids, None]
+        return np.take_along_axis(both, when[..., None], axis=1)
+
+
+def cubic_path(start: np.ndarray, end: np.ndarray, num_ticks: int, out: np.ndarray | None = None) -> np.ndarray:
     """Targets (n, num_ticks, k) from `start` to `end` (n, k), at rest at both ends; the last tick is `end`.
 
     s(u) = 3 u^2 - 2 u^3 for u = 1/num_ticks .. 1.
     """
     u = np.arange(1, num_ticks + 1) / num_ticks
     share = (u * u * (3.0 - 2.0 * u))[:, None]
-    return start[:, None] + share * (end - start)[:, None]
+    path = np.multiply(share, (end - start)[:, None], out=out)
+    path += start[:, None]
+    return path

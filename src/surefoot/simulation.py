@@ -14,7 +14,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from surefoot import balance
-from surefoot.robot import Robot
+from surefoot.robot import FLOOR, PLAIN, Robot, World
 
 POLICY_HZ = 25
 CONTROL_HZ = 500
@@ -28,6 +28,22 @@ _TOUCH = 1e-6
 """A robot is put down so deep [m]: with soles at exactly zero, rounding would decide whether they touch."""
 # The layout of a contact sensor with data="found force torque pos".
 _FOUND, _FORCE, _POINT = 0, slice(1, 4), slice(7, 10)
+# Neighbours in the MJCF file, after the pelvis position: three velocities, then positions.
+_HEADING_BLOCK = (
+    "pelvis_velocity",
+    "pelvis_angular_velocity",
+    "com_velocity",
+    "com_position",
+    "torso_position",
+    "left_sole_position",
+    "right_sole_position",
+)
+_NUM_VELOCITIES = 3
+# From (pelvis position, the block's vectors) to the vectors, positions counted from the pelvis.
+_FROM_PELVIS = np.kron(
+    np.vstack([-(np.arange(len(_HEADING_BLOCK)) >= _NUM_VELOCITIES).astype(float), np.eye(len(_HEADING_BLOCK))]),
+    np.eye(3),
+)
 
 
 class Ticks:
@@ -68,9 +84,15 @@ class Ticks:
         return self._joints("torque")
 
     @cached_property
+    def joint_power(self) -> np.ndarray:
+        """|torque * velocity| [W]."""
+        power = self.joint_torque * self.joint_velocity
+        return np.abs(power, out=power)
+
+    @property
     def power(self) -> np.ndarray:
-        """Sum of |torque * velocity| over the joints [W] (the paper's power term): (num_robots, num_ticks)."""
-        return np.abs(self.joint_torque * self.joint_velocity).sum(axis=-1)
+        """Sum of the joints' powers [W] (the paper's power term): (num_robots, num_ticks)."""
+        return self.joint_power.sum(axis=-1)
 
     # The body as a whole: (num_robots, num_ticks, 3).
 
@@ -103,20 +125,50 @@ class Ticks:
 
     @cached_property
     def heading(self) -> np.ndarray:
-        """The pelvis yaw as (cos, sin): (2, num_robots, num_ticks)."""
-        w, x, y, z = np.moveaxis(self["pelvis_orientation"], -1, 0)
-        direction = np.stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
-        return direction / np.maximum(np.hypot(direction[0], direction[1]), 1e-12)
+        """The pelvis yaw as a complex number cos + i sin: (num_robots, num_ticks).
+
+        The pelvis' x axis, seen from above, is (w + iz)^2 + (x + iy)^2.
+        """
+        w, x, y, z = components(self["pelvis_orientation"])
+        direction = np.empty(w.shape, complex)
+        np.subtract(w * w + x * x, y * y + z * z, out=direction.real[...])
+        np.multiply(w * z + x * y, 2.0, out=direction.imag[...])
+        direction /= np.maximum(np.abs(direction), 1e-12)
+        return direction
 
     @cached_property
+    def _in_heading(self) -> np.ndarray:
+        # Products subtract several times faster than broadcasting over triples. One per robot: a large one would
+        # wake BLAS threads, whose waiting takes the cores from the physics.
+        first, last = self._layout["pelvis_position"], self._layout[_HEADING_BLOCK[-1]]
+        world = self.record[..., first.start : last.stop]
+        turned = np.matmul(world, _FROM_PELVIS).reshape(*self.record.shape[:-1], len(_HEADING_BLOCK), 3)
+        horizontal(turned)[...] *= self.heading.conj()[..., None]
+        return turned
+
+    def in_heading(self, sensor: str) -> np.ndarray:
+        """A vector in the heading frame, x forward, y left, z up: (num_robots, num_ticks, 3).
+
+        Args:
+            sensor: the name of a velocity, or of a position, which is then counted from the pelvis.
+        """
+        return self._in_heading[..., _HEADING_BLOCK.index(sensor), :]
+
+    @cached_property
+    def _attitude(self) -> np.ndarray:
+        pelvis, torso = self._layout["pelvis_orientation"], self._layout["torso_orientation"]
+        both = self.record[..., pelvis.start : torso.stop]
+        return roll_pitch(both.reshape(*both.shape[:-1], 2, 4))
+
+    @property
     def pelvis_attitude(self) -> np.ndarray:
         """Roll and pitch of the pelvis [rad]: (2, num_robots, num_ticks)."""
-        return roll_pitch(self["pelvis_orientation"])
+        return self._attitude[..., 0]
 
-    @cached_property
+    @property
     def torso_attitude(self) -> np.ndarray:
         """Roll and pitch of the torso [rad]: (2, num_robots, num_ticks)."""
-        return roll_pitch(self["torso_orientation"])
+        return self._attitude[..., 1]
 
     @cached_property
     def pelvis_uprightness(self) -> np.ndarray:
@@ -156,6 +208,11 @@ class Ticks:
         return self._feet("foot_contact")[..., _POINT][..., :2]
 
     @cached_property
+    def in_the_air(self) -> np.ndarray:
+        """Does no foot touch the ground? bool (num_robots, num_ticks)."""
+        return ~(self.foot_contact[..., 0] | self.foot_contact[..., 1])
+
+    @cached_property
     def center_of_pressure(self) -> np.ndarray:
         """Force-weighted mean of both feet's pressure centres [m], NaN in the air: (num_robots, num_ticks, 2)."""
         force = self.foot_force[..., None]
@@ -169,11 +226,11 @@ class Ticks:
         The mean of the touching soles' centres, which is the polygon's centre for soles that stand alike; of both
         soles while none touches.
         """
-        left, right = np.moveaxis(self.foot_contact, -1, 0)
-        on_left, on_right = left | ~right, right | ~left
-        share = on_right / (on_left + on_right.astype(float))
-        soles = self.sole_position[..., :2]
-        return soles[..., 0, :] + share[..., None] * (soles[..., 1, :] - soles[..., 0, :])
+        left, right = self.foot_contact[..., 0], self.foot_contact[..., 1]
+        share = 0.5 + 0.5 * (right.astype(np.int8) - left)
+        soles = horizontal(self.sole_position)
+        center = soles[..., 0] + share * (soles[..., 1] - soles[..., 0])
+        return center[..., None].view(float)
 
     def support_polygon(self, robot: int, tick: int) -> np.ndarray:
         """Convex hull of the touching soles, counter-clockwise (num_corners, 2) [m]; empty in the air."""
@@ -201,17 +258,25 @@ class Ticks:
 class Simulation:
     """`num_robots` copies of a robot on all cores.
 
+    Args:
+        num_threads: 0 for all cores.
+        world: floor, masses, motors and physics rate.
+
     Attributes:
         wrench: forces and torques on every body over the next policy step, (num_robots, TICKS_PER_STEP, num_bodies,
             6), world frame at the body's CoM [N, Nm]; the caller writes and clears it.
+        joint_targets: of the next policy step, (num_robots, TICKS_PER_STEP, num_joints) [rad]; `step` writes them, or
+            the caller.
         diverged: bool (num_robots,), who became non-finite in the last step and was put back to its default state.
         num_diverged: how many have, ever.
     """
 
-    def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0):
+    def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0, world: World = PLAIN):
         self.robot = robot
         self.num_robots = num_robots
-        self.model = robot.model()
+        self.model = robot.model(world)
+        self._num_substeps = round(world.physics_hz / CONTROL_HZ)
+        self._floor_normal = _z_axis(self.model.geom(FLOOR).quat)
         self.batch = Batch(self.model, num_robots, nthread=num_threads)
         self.layout = sensor_layout(self.model)
         self._qpos = self.batch.bind("qpos")
@@ -220,6 +285,7 @@ class Simulation:
         self._record = np.zeros((num_robots, TICKS_PER_STEP, self.model.nsensordata))
         num_controls = self.model.nu + 6 * self.model.nbody
         self._control = np.zeros((num_robots, TICKS_PER_STEP, num_controls))
+        self.joint_targets = self._control[..., : self.model.nu]
         wrench = self._control[..., self.model.nu :]
         self.wrench = wrench.reshape(num_robots, TICKS_PER_STEP, self.model.nbody, 6)
         self.diverged = np.zeros(num_robots, bool)
@@ -232,13 +298,16 @@ class Simulation:
         joint_position: np.ndarray,
         yaw: np.ndarray | float = 0.0,
         height: np.ndarray | float = 0.0,
+        roll: np.ndarray | float = 0.0,
+        pitch: np.ndarray | float = 0.0,
     ) -> Ticks:
-        """Stand robots `ids` (n,) upright and at rest, lowest sole corner `height` [m] above the floor.
+        """Stand robots `ids` (n,) at rest, lowest sole corner `height` [m] above the floor.
 
         Args:
             joint_position: (n, num_joints) [rad].
             yaw: heading [rad], scalar or (n,).
             height: of the lowest corner of the soles [m], scalar or (n,).
+            roll, pitch: of the pelvis [rad], scalar or (n,); upright without them.
 
         Returns:
             One tick of each: the state they start from.
@@ -246,12 +315,12 @@ class Simulation:
         self._warnings[ids] = 0  # as MuJoCo does
         self.batch.reset(ids, stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self._qpos[ids, 7:] = joint_position
-        self._qpos[ids, 3] = np.cos(0.5 * np.asarray(yaw))
-        self._qpos[ids, 6] = np.sin(0.5 * np.asarray(yaw))
-        self.batch.forward(ids)
+        self._qpos[ids, 3:7] = _quaternion(roll, pitch, yaw)
+        self.batch.forward(ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
         soles = self.read(ids)
         corners = sole_corners(soles.sole_position, soles.foot_orientation, self.robot.sole_half_size)
-        self._qpos[ids, 2] += height - _TOUCH - corners[..., 2].min(axis=(1, 2, 3))
+        clearance = (corners @ self._floor_normal / self._floor_normal[2]).min(axis=(1, 2, 3))
+        self._qpos[ids, 2] += height - _TOUCH - clearance
         self.batch.forward(ids)
         return self.read(ids)
 
@@ -259,27 +328,37 @@ class Simulation:
         """One tick (n, 1, ...) of robots `ids`: their state at the last reset or at the last physics step."""
         return Ticks(self.robot, self.layout, self._sensordata[ids][:, None])
 
-    def step(self, joint_targets: np.ndarray, ids: np.ndarray | None = None) -> Ticks:
+    def step(self, joint_targets: np.ndarray | None = None, ids: np.ndarray | None = None) -> Ticks:
         """Advance robots `ids` (n,) (all without it) by one policy step.
 
         Args:
-            joint_targets: (n, TICKS_PER_STEP, num_joints) [rad].
+            joint_targets: (n, TICKS_PER_STEP, num_joints) [rad]; without it, what `joint_targets` holds.
 
         Returns:
             The ticks (n, TICKS_PER_STEP, ...), in a buffer that the next step overwrites.
         """
-        num_joints = self.model.nu
-        if ids is None:
-            self._control[..., :num_joints] = joint_targets
-            control, record = self._control, self._record
-        else:
-            self._control[ids, :, :num_joints] = joint_targets
-            control, record = self._control[ids], self._record[: len(ids)]
+        if joint_targets is not None:
+            self.joint_targets[slice(None) if ids is None else ids] = joint_targets
+        record = self.advance(ids)
+        self._find_diverged(record, ids)
+        return Ticks(self.robot, self.layout, record)
+
+    def advance(self, ids: np.ndarray | None = None) -> np.ndarray:
+        """The bare physics of a step under the present controls: the record (n, TICKS_PER_STEP, num_sensor_values)."""
+        control = self._control if ids is None else self._control[ids]
+        record = self._record if ids is None else self._record[: len(ids)]
+        if self._num_substeps > 1:
+            return self._advance_finely(control, record, ids)
         self.batch.rollout(
             TICKS_PER_STEP, control, _CONTROL_SPEC, record=["sensordata"], ids=ids, out={"sensordata": record}
         )
-        self._find_diverged(record, ids)
-        return Ticks(self.robot, self.layout, record)
+        return record
+
+    def _advance_finely(self, control: np.ndarray, record: np.ndarray, ids: np.ndarray | None) -> np.ndarray:
+        fine = np.repeat(control, self._num_substeps, axis=1)
+        all_substeps = self.batch.rollout(fine.shape[1], fine, _CONTROL_SPEC, record=["sensordata"], ids=ids)
+        record[:] = all_substeps["sensordata"][:, :: self._num_substeps]
+        return record
 
     def _find_diverged(self, record: np.ndarray, ids: np.ndarray | None) -> None:
         warnings = self.batch.warning[:, _DIVERGENCE_WARNINGS, 1].sum(axis=1)
@@ -305,12 +384,6 @@ class Simulation:
         """Take over the joint targets and wrenches of another simulation's last step."""
         self._control[:] = other._control
 
-    def rollout(self) -> None:
-        """One policy step of bare physics under the present controls: what `step` adds to it is measured by it."""
-        self.batch.rollout(
-            TICKS_PER_STEP, self._control, _CONTROL_SPEC, record=["sensordata"], out={"sensordata": self._record}
-        )
-
 
 def sensor_layout(model: mujoco.MjModel) -> dict[str, slice]:
     """Sensor name -> its columns in `sensordata`."""
@@ -318,12 +391,47 @@ def sensor_layout(model: mujoco.MjModel) -> dict[str, slice]:
     return {s.name: slice(int(s.adr[0]), int(s.adr[0] + s.dim[0])) for s in sensors}
 
 
+def components(quaternion: np.ndarray) -> tuple[np.ndarray, ...]:
+    """w, x, y and z of quaternions (..., 4): (...) each."""
+    return tuple(quaternion[..., i] for i in range(4))
+
+
+def horizontal(vectors: np.ndarray) -> np.ndarray:
+    """View of the horizontal part of vectors (..., 2 or 3) as complex numbers x + iy: (...).
+
+    Rotations become products, and NumPy's inner loops run over ticks instead of over pairs.
+    """
+    return vectors[..., :2].view(complex)[..., 0]
+
+
 def roll_pitch(quaternion: np.ndarray) -> np.ndarray:
     """Roll and pitch (Z-Y-X Euler angles) [rad] of unit quaternions (..., 4): (2, ...)."""
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    return np.stack([roll, pitch])
+    w, x, y, z = components(quaternion)
+    angles = np.empty((2, *w.shape))
+    np.arctan2(w * x + y * z, 0.5 - (x * x + y * y), out=angles[0, ...])
+    sine = 2.0 * (w * y - z * x)
+    np.arcsin(np.minimum(np.maximum(sine, -1.0), 1.0), out=angles[1, ...])
+    return angles
+
+
+def _quaternion(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
+    """Unit quaternions (..., 4) of Z-Y-X Euler angles [rad]."""
+    roll, pitch, yaw = np.broadcast_arrays(roll, pitch, yaw)
+    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(0.5 * angle), np.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def _z_axis(quaternion: np.ndarray) -> np.ndarray:
+    w, x, y, z = quaternion
+    return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])
 
 
 def uprightness(quaternion: np.ndarray) -> np.ndarray:
@@ -342,7 +450,7 @@ def sole_corners(center: np.ndarray, quaternion: np.ndarray, half_size: np.ndarr
     Returns:
         (..., 4, 3), counter-clockwise from above, front left first.
     """
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    w, x, y, z = components(quaternion)
     along = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
     across = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)
     signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))

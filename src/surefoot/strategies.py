@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_DT, POLICY_DT, POLICY_HZ, Ticks, roll_pitch, uprightness
+from surefoot.simulation import CONTROL_DT, POLICY_DT, POLICY_HZ, Ticks, horizontal, roll_pitch, uprightness
 
 ANKLE_SHIFT = 0.02
 """[m]: 27 Nm of ankle torque under Valkyrie's weight. Its stiff nominal pose sways by 0.015 m undisturbed."""
@@ -281,8 +281,8 @@ def _changes(difference: np.ndarray) -> np.ndarray:
 
 def _in_heading(heading: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Components of world vectors (n, num_ticks, 3) forward and to the left: (2, n, num_ticks)."""
-    cos, sin = heading
-    return np.stack([cos * vector[..., 0] + sin * vector[..., 1], cos * vector[..., 1] - sin * vector[..., 0]])
+    turned = horizontal(vector) * heading.conj()
+    return np.stack([turned.real, turned.imag])
 
 
 def _run_length(holds: np.ndarray, before: np.ndarray) -> np.ndarray:

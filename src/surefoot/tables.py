@@ -1,32 +1,67 @@
-"""Tables: thresholds beside the paper's numbers, for a person (text, Markdown) and for a machine (flat JSON)."""
+"""Tables: a policy's results beside the paper's numbers, Tables I to V, for a terminal, Markdown or a page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
-from rich.table import Table
+from rich.markup import escape
+from rich.table import Table as RichTable
 
-from surefoot import balance
-from surefoot.evaluation import DIRECTIONS, Threshold
+from surefoot import balance, paper
+from surefoot.evaluation import Store, Threshold, whole_outcomes
+from surefoot.judge import Outcome, joint_groups
+from surefoot.policy import Policy
 from surefoot.robot import Robot
+from surefoot.scenarios import DIRECTIONS
 from surefoot.simulation import Simulation
+from surefoot.trials import Trial
+
+Fixed = Mapping[str, Mapping[Trial, Outcome]]
+"""Outcomes of the scenarios in which nothing is searched, by scenario and trial."""
 
 
-class PaperRow(NamedTuple):
-    """A row of the paper's Table I [Ns]. It names no sides; its text calls only the 240 Ns a push with steps."""
+@dataclass(frozen=True)
+class Table:
+    """Texts in rows and columns; the first column names the row.
 
-    sagittal: float
-    lateral: float
+    Attributes:
+        note: what a reader has to know, in a sentence or two.
+    """
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+    def rich(self) -> RichTable:
+        """For the terminal."""
+        title, note = escape(self.title), escape(self.note)
+        table = RichTable(title=title, title_justify="left", caption=note or None, caption_justify="left")
+        for i, column in enumerate(self.columns):
+            table.add_column(escape(column), justify="right" if i else "left")
+        for row in self.rows:
+            table.add_row(*row)
+        return table
+
+    def markdown(self) -> str:
+        """For a README."""
+        lines = [self.columns, ["---"] + ["---:"] * (len(self.columns) - 1), *self.rows]
+        return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
-PAPER_TABLE_1 = {
-    "trpo": PaperRow(240.0, 78.0),
-    "ddpg": PaperRow(75.0, 160.0),
-    "ppo": PaperRow(192.0, 36.0),
-    "equation (6)": PaperRow(53.0, 78.0),
-}
+def by_scenario(thresholds: Sequence[Threshold]) -> dict[str, dict[str, Threshold]]:
+    """Scenario -> direction -> threshold."""
+    found: dict[str, dict[str, Threshold]] = {}
+    for t in thresholds:
+        found.setdefault(t.line.scenario.name, {})[t.line.name] = t
+    return found
+
+
+def pelvis_pushes(thresholds: Sequence[Threshold]) -> dict[str, Threshold]:
+    """The thresholds of pushes at the pelvis, steps allowed, by direction."""
+    return by_scenario(thresholds).get("pelvis_push", {})
 
 
 def capture_point_bound(robot: Robot, pose: str | np.ndarray, angles: Sequence[float]) -> list[float]:
@@ -55,107 +90,244 @@ def worse_bounds(robot: Robot) -> tuple[float, float]:
     return min(forward, backward), min(left, right)
 
 
-def paper_row(name: str) -> PaperRow | None:
+def paper_row(name: str) -> paper.AlgorithmRow | None:
     """The paper's row for a policy whose name begins with its algorithm, such as "trpo" or "trpo-0"."""
-    return PAPER_TABLE_1.get(name.split("-")[0].split(".")[0])
+    return paper.TABLE_1.get(name.split("-")[0].split(".")[0])
 
 
 def worse_of(thresholds: Mapping[str, Threshold], names: Sequence[str]) -> Threshold:
     """The lowest of the named directions."""
-    return min((thresholds[name] for name in names), key=lambda t: t.impulse)
+    return min((thresholds[name] for name in names), key=lambda t: t.size)
 
 
-def flat_figures(thresholds: Sequence[Threshold], robot: Robot, pose: np.ndarray, wall_s: float) -> dict[str, float]:
-    """The figures of `surefoot evaluate --json`: documented in docs/figures.md, keys are stable.
+def all_tables(
+    policy: Policy, thresholds: Sequence[Threshold], fixed: Fixed, steps: Mapping[str, float], robot: Robot
+) -> list[Table]:
+    """Every table that one policy's results fill; `steps` as for `table_3`."""
+    found = by_scenario(thresholds)
+    tables: list[Table] = []
+    if "pelvis_push" in found:
+        tables.append(direction_table(policy.name, thresholds, robot, np.array(policy.contract.nominal_pose)))
+        tables.append(table_1({policy.contract.training.get("algorithm", policy.name): thresholds}, robot))
+    tables.append(table_2(fixed))
+    tables.append(table_3(thresholds, robot, steps))
+    if "pelvis_push_no_step" in found:
+        tables.append(table_4({policy.name: thresholds}, robot))
+    tables += table_5(fixed, robot)
+    tables.append(quiet_table(fixed))
+    if set(found) != {"pelvis_push"}:
+        tables.append(scenario_table(policy.name, thresholds))
+    return [table for table in tables if table.rows]
 
-    Impulses in Ns, shares from 0 to 1.
-    """
-    figures: dict[str, float] = {}
-    for t in thresholds:
-        key = f"pelvis_push.{t.line.name}"
-        figures[key] = t.impulse
-        figures[f"{key}.trials"] = t.trials
-        figures[f"{key}.recovered"] = t.recovered
-        figures[f"{key}.share_low"] = round(t.low, 4)
-        figures[f"{key}.share_high"] = round(t.high, 4)
-    impulses = [t.impulse for t in thresholds]
-    figures["pelvis_push.worst"] = min(impulses)
-    figures["pelvis_push.best"] = max(impulses)
-    figures["pelvis_push.directions"] = len(impulses)
-    figures["pelvis_push.worst_Ns_per_kg"] = round(min(impulses) / robot.mass, 4)
-    figures["pelvis_push.best_Ns_per_kg"] = round(max(impulses) / robot.mass, 4)
-    for name, bound in zip(DIRECTIONS, capture_point_bound(robot, pose, list(DIRECTIONS.values())), strict=True):
-        figures[f"bound.{name}"] = round(bound, 1)
-    figures["evaluate.wall_s"] = round(wall_s, 2)
-    return figures
+
+def median_steps(thresholds: Sequence[Threshold], store: Store) -> dict[str, float]:
+    """Median number of steps of the trials at the worst direction's threshold, by scenario."""
+    steps = {}
+    for name, lines in by_scenario(thresholds).items():
+        outcomes = whole_outcomes(min(lines.values(), key=lambda t: t.size), store)
+        if outcomes:
+            steps[name] = float(np.median([outcome.steps for outcome in outcomes]))
+    return steps
 
 
 def direction_table(name: str, thresholds: Sequence[Threshold], robot: Robot, pose: np.ndarray) -> Table:
-    """One policy, a row per direction."""
-    table = Table(title=f"Rejected impulse at the pelvis: {name}", title_justify="left")
-    for column in ("direction", "rejected [Ns]", "[Ns/kg]", "recovered", "Wilson 95 %", "eq. (6) [Ns]"):
-        table.add_column(column, justify="left" if column == "direction" else "right")
-    bounds = capture_point_bound(robot, pose, [t.line.angle for t in thresholds])
-    for t, bound in zip(thresholds, bounds, strict=True):
-        table.add_row(
+    """Pushes of one policy at the pelvis, a row per direction."""
+    pushes = pelvis_pushes(thresholds)
+    bounds = capture_point_bound(robot, pose, [t.line.angle for t in pushes.values()])
+    rows = [
+        [
             t.line.name,
-            f"{t.impulse:.0f}",
-            f"{t.impulse / robot.mass:.2f}",
+            f"{t.size:.0f}",
+            f"{t.size / robot.mass:.2f}",
             f"{t.recovered}/{t.trials}",
             f"{t.low:.2f} to {t.high:.2f}",
             f"{bound:.0f}",
+        ]
+        for t, bound in zip(pushes.values(), bounds, strict=True)
+    ]
+    columns = ["direction", "rejected [Ns]", "[Ns/kg]", "recovered", "Wilson 95 %", "eq. (6) [Ns]"]
+    return Table(f"Rejected impulse at the pelvis: {name}", columns, rows)
+
+
+def scenario_table(name: str, thresholds: Sequence[Threshold]) -> Table:
+    """Every searched scenario of one policy: worst and best direction."""
+    rows = []
+    for scenario, lines in by_scenario(thresholds).items():
+        worst, best = (choose(lines.values(), key=lambda t: t.size) for choose in (min, max))
+        rows.append(
+            [
+                scenario,
+                f"{worst.size:g} ({worst.line.name})",
+                f"{best.size:g} ({best.line.name})",
+                worst.line.scenario.unit,
+                f"{worst.recovered}/{worst.trials}",
+                f"{worst.low:.2f} to {worst.high:.2f}",
+            ]
         )
-    return table
+    columns = ["scenario", "worst", "best", "unit", "recovered", "Wilson 95 %"]
+    return Table(f"Largest recovered disturbance: {name}", columns, rows, "Recovered trials at the worst direction.")
 
 
-def table_1_rows(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> list[list[str]]:
-    """Table I with ours beside the paper's: one row per policy, whose lines must hold the four main directions."""
+def table_1(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
+    """Table I: one row per policy, whose pushes at the pelvis must hold the four main directions."""
     rows = []
     for name, thresholds in policies.items():
-        by_name = {t.line.name: t for t in thresholds if not t.line.without_step and t.line.body == "pelvis"}
-        sagittal = worse_of(by_name, ("forward", "backward"))
-        lateral = worse_of(by_name, ("left", "right"))
-        paper = paper_row(name)
+        pushes = pelvis_pushes(thresholds)
+        sagittal, lateral = worse_of(pushes, ("forward", "backward")), worse_of(pushes, ("left", "right"))
+        row = paper_row(name)
         rows.append(
             [
                 name,
-                *(f"{by_name[d].impulse:.0f}" for d in DIRECTIONS),
-                f"{sagittal.impulse:.0f} ({sagittal.impulse / robot.mass:.2f})",
-                f"{paper.sagittal:.0f}" if paper else "",
-                f"{lateral.impulse:.0f} ({lateral.impulse / robot.mass:.2f})",
-                f"{paper.lateral:.0f}" if paper else "",
+                *(f"{pushes[d].size:.0f}" for d in DIRECTIONS),
+                f"{sagittal.size:.0f}",
+                f"{row.sagittal:.0f}" if row else "",
+                f"{lateral.size:.0f}",
+                f"{row.lateral:.0f}" if row else "",
+                f"{sagittal.size / robot.mass:.2f}, {lateral.size / robot.mass:.2f}",
             ]
         )
-    bound = PAPER_TABLE_1["equation (6)"]
+    bound = paper.TABLE_1["equation (6)"]
     bounds = capture_point_bound(robot, "straight", list(DIRECTIONS.values()))
     sagittal_bound, lateral_bound = worse_bounds(robot)
     rows.append(
         [
             "equation (6)",
             *(f"{b:.0f}" for b in bounds),
-            f"{sagittal_bound:.0f} ({sagittal_bound / robot.mass:.2f})",
+            f"{sagittal_bound:.0f}",
             f"{bound.sagittal:.0f}",
-            f"{lateral_bound:.0f} ({lateral_bound / robot.mass:.2f})",
+            f"{lateral_bound:.0f}",
             f"{bound.lateral:.0f}",
+            f"{sagittal_bound / robot.mass:.2f}, {lateral_bound / robot.mass:.2f}",
         ]
     )
-    return rows
+    columns = ["", *DIRECTIONS, "sagittal", "paper", "lateral", "paper", "[Ns/kg]"]
+    note = "Sagittal and lateral: the worse of the two directions. Equation (6): the paper's straight pose."
+    return Table("Table I: largest rejected impulse [Ns]", columns, rows, note)
 
 
-TABLE_1_COLUMNS = ["", *DIRECTIONS, "sagittal, worse (Ns/kg)", "paper", "lateral, worse (Ns/kg)", "paper"]
+def table_2(fixed: Fixed) -> Table:
+    """Table II: which strategies the paper's four pushes bring out: share of the trials, and the paper's mark."""
+    rows = []
+    for scenario, theirs in paper.TABLE_2.items():
+        outcomes = list(fixed.get(scenario, {}).values())
+        if not outcomes:
+            continue
+        ours = [[o.ankle, o.hip, o.foot_tilt, o.steps > 0] for o in outcomes]
+        marks = ["yes" if mark else "no" for mark in theirs]
+        shares = [f"{share:.0%} ({mark})" for share, mark in zip(np.mean(ours, axis=0), marks, strict=True)]
+        recovered = f"{sum(o.recovered for o in outcomes)}/{len(outcomes)}"
+        rows.append([_words(scenario), recovered, *shares, f"{np.median([o.steps for o in outcomes]):g}"])
+    columns = ["push [Ns]", "recovered", "ankle", "hip", "foot tilt", "step", "steps"]
+    note = (
+        "Share of the trials in which a strategy was seen; in brackets whether the paper marks it. Steps: median. What"
+        " a policy does unpushed is under quiet standing."
+    )
+    return Table("Table II: strategies", columns, rows, note)
 
 
-def table_1(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
-    """Table I of the paper with our policies, for the terminal [Ns]."""
-    table = Table(title="Table I: largest rejected impulse [Ns]", title_justify="left")
-    for column in TABLE_1_COLUMNS:
-        table.add_column(column, justify="right" if column else "left")
-    for row in table_1_rows(policies, robot):
-        table.add_row(*row)
-    return table
+def table_3(thresholds: Sequence[Threshold], robot: Robot, steps: Mapping[str, float]) -> Table:
+    """Table III: pushes at other bodies.
+
+    Args:
+        steps: median number of steps by scenario, at the worst direction's threshold.
+    """
+    rows = []
+    found = by_scenario(thresholds)
+    for scenario, theirs in paper.TABLE_3.items():
+        if scenario not in found:
+            continue
+        lines = found[scenario]
+        worst = min(lines.values(), key=lambda t: t.size)
+        torque = worst.size / worst.line.scenario.duration * theirs.lever
+        pairs = [
+            f"{worst.size:.0f} ({theirs.impulse:.0f})",
+            f"{worst.size / robot.mass:.2f}",
+            f"{torque:.0f} ({theirs.torque:.0f})",
+            f"{steps[scenario]:g} ({theirs.steps})" if scenario in steps else f"({theirs.steps})",
+        ]
+        rows.append([_words(scenario.removesuffix("_push")), *(f"{lines[d].size:.0f}" for d in DIRECTIONS), *pairs])
+    columns = ["body", *DIRECTIONS, "worst", "[Ns/kg]", "torque [Nm]", "steps"]
+    note = (
+        "Rejected impulse [Ns] with the paper's levers; in brackets the paper's. Torque about the CoM, and median"
+        " number of steps, at the worst direction's threshold."
+    )
+    return Table("Table III: other body parts", columns, rows, note)
 
 
-def markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    lines = [columns, ["---"] + ["---:"] * (len(columns) - 1), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+def table_4(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
+    """Table IV: the paper's studies A to G, and ours."""
+    rows = [
+        [
+            f"{letter} {study.study}",
+            study.robot,
+            f"{study.mass:g}",
+            f"{study.impulse:g}",
+            f"{study.normalised:.2f}",
+            f"{study.printed:.2f}",
+            "yes" if study.stepping else "no",
+        ]
+        for letter, study in paper.TABLE_4.items()
+    ]
+    for name, thresholds in policies.items():
+        found = by_scenario(thresholds)
+        for scenario, stepping in (("pelvis_push_no_step", "no"), ("pelvis_push", "yes")):
+            for words, directions in (("sagittal", ("forward", "backward")), ("lateral", ("left", "right"))):
+                if scenario in found:
+                    size = worse_of(found[scenario], directions).size
+                    ours = [f"{size:.0f}", f"{size / robot.mass:.2f}", "", stepping]
+                    rows.append([f"{name}, {words}", "Valkyrie", f"{robot.mass:.0f}", *ours])
+    columns = ["study", "robot", "[kg]", "[Ns]", "[Ns/kg]", "printed", "steps"]
+    note = (
+        "Ns/kg is impulse over mass; the paper prints figures that do not follow from its own. C and D are hardware,"
+        " the others simulation. Ours: the worse side."
+    )
+    return Table("Table IV: push recovery studies", columns, rows, note)
+
+
+def published_table() -> Table:
+    """Push figures of other publications."""
+    columns = ["source", "robot", "push", "Ns (Ns/kg)", "steps"]
+    return Table("Published push figures", columns, [list(row) for row in paper.PUBLISHED])
+
+
+def table_5(fixed: Fixed, robot: Robot) -> list[Table]:
+    """Table V, torques and speeds apart: peaks per joint group over the trials of each case, and the paper's."""
+    cases = {name: list(fixed[name].values()) for name in paper.TABLE_5 if fixed.get(name)}
+    if not cases:
+        return []
+    order = [joint_groups(robot).index(group) for group in paper.PEAK_GROUPS]
+    columns = ["", *(_words(group) for group in paper.PEAK_GROUPS)]
+    tables = []
+    for quantity, unit, digits in (("torque", "Nm", 0), ("speed", "rad/s", 2)):
+        rows = [["limit", *(f"{limit:g}" for limit in getattr(paper.TABLE_5_LIMITS, quantity))]]
+        for name, outcomes in cases.items():
+            peaks = np.max([getattr(o, f"{quantity}_peaks") for o in outcomes], axis=0)
+            rows.append([_words(name), *(f"{peaks[i]:.{digits}f}" for i in order)])
+            rows.append(["  paper", *(f"{value:g}" for value in getattr(paper.TABLE_5[name], quantity))])
+        tables.append(Table(f"Table V: peak joint {quantity} [{unit}]", columns, rows, "Largest over the trials."))
+    rows = []
+    for name, outcomes in cases.items():
+        longest = np.max([o.saturated_s for o in outcomes], axis=0)
+        rows.append([_words(name), *(f"{longest[i]:.2f}" for i in order)])
+    note = "Longest time that one joint of the group spent at its torque limit in one trial."
+    return [*tables, Table("Time in saturation [s]", columns, rows, note)]
+
+
+def quiet_table(fixed: Fixed) -> Table:
+    """Quiet standing: 60 s undisturbed, and from 5 s after recovered pushes on."""
+    rows = []
+    for scenario, outcomes in fixed.items():
+        if not scenario.startswith("quiet"):
+            continue
+        stood = [o for o in outcomes.values() if o.recovered]
+        values = ["", "", ""]
+        if stood:
+            drift, power = max(o.calm_drift for o in stood), max(o.calm_power for o in stood)
+            values = [f"{100 * drift:.1f}", f"{power:.1f}", f"{sum(o.calm_steps for o in stood):g}"]
+        rows.append([_words(scenario), f"{len(stood)}/{len(outcomes)}", *values])
+    columns = ["", "recovered", "CoM drift [cm]", "mean power [W]", "steps"]
+    return Table("Quiet standing", columns, rows, "Largest drift and power, and all steps, of the recovered trials.")
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")

@@ -1,4 +1,4 @@
-"""Trials: one policy, one robot, one push, one verdict; thousands of them as one batch.
+"""Trials: one policy, one robot, one disturbance, one verdict; thousands of them as one batch.
 
 The batch never waits for its slowest robot: a finished robot's place is taken by the next trial.
 """
@@ -11,70 +11,53 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.control import ControlLoop
-from surefoot.disturbance import Push
+from surefoot.control import PERFECT, ControlLoop, Imperfections
+from surefoot.disturbance import Drop, Push, Pushes
+from surefoot.errors import UserError
+from surefoot.judge import CALM_FROM_S, HORIZON_S, Judge, Outcome
 from surefoot.policy import Policy
-from surefoot.robot import Robot, load_robot
-from surefoot.simulation import CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP, Ticks
+from surefoot.robot import PLAIN, Robot, World, load_robot
+from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP, Ticks
 
 SETTLE_S = 1.0
 """Time that the policy has to find its stance before the disturbance."""
-HORIZON_S = 10.0
-"""Time after the beginning of the disturbance at which a trial is judged."""
-JUDGED_S = 1.0
-"""The last part of it, in which the robot must stand."""
-MAX_COM_SPEED = 0.15
-"""Largest mean CoM speed in that part [m/s]."""
-MAX_TILT_DEG = 20.0
-"""Largest angle of pelvis and torso from upright in that part."""
-QUIET_S = 2.0
-"""A trial that is not `whole` has recovered once it has been upright and slow, as at the end of one, for so long."""
 JOINT_NOISE = 0.02
 """Start angles differ by up to this [rad]."""
-STEP_LENGTH = 0.03
-"""A foot that moves by more than this has left its place [m]."""
 NUM_SLOTS = 192
+
+NO_PUSH = Push()
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One push of one robot.
+    """One disturbance of one robot. Starts of pushes are counted from the end of the settling time, or from the
+    release of a dropped robot.
 
     Attributes:
-        push: its `start` is counted from the end of the settling time.
-        seed: draws the start angles and the push's start within the policy step.
+        push: one of 0 Ns disturbs nothing; the disturbance then begins where the push would have.
+        seed: draws the start angles, the push's start within the policy step, noise and bias.
         whole: judged at the horizon; otherwise it may end as recovered once it is quiet.
+        first: a push before the other, or at the same time.
+        drop: the robot begins in the air, without a settling time.
+        imperfections: of sensors and actuators.
+        world: what it stands on and is made of; the same for all trials of a batch.
+        horizon: from the beginning of the disturbance to the verdict [s].
+        calm_from: from the beginning of the disturbance on, how calmly it stands [s].
     """
 
-    push: Push
-    seed: int
+    push: Push = NO_PUSH
+    seed: int = 0
     whole: bool = True
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a trial.
-
-    Attributes:
-        recovered: by the one definition of success (`docs/method.md`).
-        reason: "recovered", "fell", "restless" (CoM too fast at the end), "tilted" or "diverged".
-        seconds: from the beginning of the disturbance to the end of the trial; negative if that came before.
-        foot_shift: farthest that a foot came from its place at the push [m].
-        com_speed: mean over the judged time [m/s]; NaN if the trial ended before.
-        torque_ratio, speed_ratio: largest share of a joint's torque and speed limit that was used.
-    """
-
-    recovered: bool
-    reason: str
-    seconds: float
-    foot_shift: float
-    com_speed: float
-    torque_ratio: float
-    speed_ratio: float
+    first: Push | None = None
+    drop: Drop | None = None
+    imperfections: Imperfections = PERFECT
+    world: World = PLAIN
+    horizon: float = HORIZON_S
+    calm_from: float = CALM_FROM_S
 
     @property
-    def without_step(self) -> bool:
-        return self.recovered and self.foot_shift <= STEP_LENGTH
+    def pushes(self) -> tuple[Push, ...]:
+        return (self.push,) if self.first is None else (self.first, self.push)
 
 
 class TrialSource(ABC):
@@ -121,50 +104,46 @@ def run_trials(
     num_slots: int = NUM_SLOTS,
     num_threads: int = 0,
     on_step: Callable[[np.ndarray, Ticks], None] | None = None,
+    world: World = PLAIN,
 ) -> None:
     """Run trials until the source has no more.
 
     Args:
         num_slots: robots in the batch.
         on_step: called with the running slots (n,) and their ticks after every policy step.
+        world: of all the trials.
+
+    Raises:
+        UserError: a trial is for another world.
     """
-    arena = _Arena(policy, num_slots, num_threads)
+    arena = _Arena(policy, num_slots, num_threads, world)
     while True:
         arena.fill(source)
         running = arena.running
         if not len(running):
             return
-        ticks = arena.step(running)
+        ticks, ended = arena.step(running)
         if on_step:
             on_step(running, ticks)
-        ended = arena.judge(running, ticks)
-        for slot, outcome in ended:
+        for slot, outcome in ended.items():
             source.report(arena.finish(slot), outcome)
         if ended:
             arena.drop_unwanted(source)
 
 
 class _Arena:
-    """The slots: which trial each robot is in, and what has been seen of it."""
+    """The slots: which trial each robot is in."""
 
-    def __init__(self, policy: Policy, num_slots: int, num_threads: int):
+    def __init__(self, policy: Policy, num_slots: int, num_threads: int, world: World):
         contract = policy.contract
         self.policy = policy
+        self.world = world
         self.robot: Robot = load_robot(contract.robot)
         nominal = np.array(contract.nominal_pose)
-        self.loop = ControlLoop(self.robot, num_slots, nominal, contract.action_scale, num_threads)
+        self.loop = ControlLoop(self.robot, num_slots, nominal, contract.action_scale, num_threads, world)
+        self.judge = Judge(self.robot, num_slots)
         self.trial: list[Trial | None] = [None] * num_slots
-        self.start = np.zeros(num_slots, np.int64)
-        self.end = np.zeros(num_slots, np.int64)
-        self.whole = np.zeros(num_slots, bool)
-        self.speed_sum = np.zeros(num_slots)
-        self.tilted = np.zeros(num_slots, bool)
-        self.recent_speed = np.zeros((num_slots, round(QUIET_S * POLICY_HZ)))
-        self.upright_steps = np.zeros(num_slots, np.int64)
-        self.foot_place = np.zeros((num_slots, 2, 2))
-        self.foot_shift = np.zeros(num_slots)
-        self.torque_ratio = np.zeros(num_slots)
-        self.speed_ratio = np.zeros(num_slots)
+        self._arms: dict[tuple[str, float], float] = {}
 
     @property
     def running(self) -> np.ndarray:
@@ -179,7 +158,7 @@ class _Arena:
                     break
                 slots.append(slot)
         if slots:
-            self._begin(np.array(slots))
+            self._begin(np.array(slots), [trial for slot in slots if (trial := self.trial[slot])])
 
     def finish(self, slot: int) -> Trial:
         trial, self.trial[slot] = self.trial[slot], None
@@ -191,94 +170,61 @@ class _Arena:
             if trial and not source.wants(trial):
                 source.drop(self.finish(slot))
 
-    def _begin(self, slots: np.ndarray) -> None:
-        trials = [trial for slot in slots if (trial := self.trial[slot])]
+    def step(self, slots: np.ndarray) -> tuple[Ticks, dict[int, Outcome]]:
+        everyone = len(slots) == len(self.trial)  # then nothing is copied
+        ticks = self.loop.step(self.policy(self.loop.observation[slots], slots), None if everyone else slots)
+        return ticks, self.judge.update(slots, ticks, self.loop.tick[slots], self.loop.simulation.diverged[slots])
+
+    def _begin(self, slots: np.ndarray, trials: list[Trial]) -> None:
+        if any(trial.world != self.world for trial in trials):
+            raise UserError(f"a trial is for another world than this batch's, {self.world}")
         rngs = [np.random.default_rng(trial.seed) for trial in trials]
         noise = np.array([rng.uniform(-JOINT_NOISE, JOINT_NOISE, self.robot.num_joints) for rng in rngs])
-        offset = np.array([rng.integers(TICKS_PER_STEP) for rng in rngs])
-        joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
-        self.loop.reset(slots, joints)
+        offset = [rng.integers(TICKS_PER_STEP) for rng in rngs]
+        drops = [trial.drop or _ON_THE_FLOOR for trial in trials]
+        start_ticks = self.loop.reset(
+            slots,
+            np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper),
+            height=np.array([drop.height for drop in drops]),
+            roll=np.array([drop.roll for drop in drops]),
+            pitch=np.array([drop.pitch for drop in drops]),
+        )
         self.policy.reset(slots)
-        pushes = [trial.push for trial in trials]
-        begin = np.rint([(SETTLE_S + push.start) * CONTROL_HZ for push in pushes]).astype(np.int64) + offset
-        for slot, push, start in zip(slots, pushes, begin, strict=True):
-            impulse = push.impulse * np.array(push.direction)
-            self.loop.pushes.schedule(
-                np.array([slot]), np.array([self.robot.body_id(push.body)]), impulse, start, push.duration
-            )
-        self.start[slots] = begin
-        self.end[slots] = begin + round(HORIZON_S * CONTROL_HZ)
-        self.whole[slots] = [trial.whole for trial in trials]
-        for seen in (
-            self.speed_sum,
-            self.tilted,
-            self.upright_steps,
-            self.foot_shift,
-            self.torque_ratio,
-            self.speed_ratio,
-        ):
-            seen[slots] = 0
-
-    def step(self, slots: np.ndarray) -> Ticks:
-        return self.loop.step(self.policy(self.loop.observation[slots], slots), slots)
-
-    def judge(self, slots: np.ndarray, ticks: Ticks) -> list[tuple[int, Outcome]]:
-        """Outcomes of the trials that have just ended, by slot."""
-        tick = self.loop.tick[slots, None] - TICKS_PER_STEP + np.arange(TICKS_PER_STEP)
-        self._watch(slots, ticks, tick)
-        fell = np.asarray((ticks.non_foot_contact & (tick < self.end[slots, None])).any(axis=1))
-        diverged = self.loop.simulation.diverged[slots]
-        quiet: np.ndarray = ~self.whole[slots] & self._is_quiet(slots)
-        over = np.asarray(tick[:, -1] + 1 >= self.end[slots])
-        ended = np.flatnonzero(fell | diverged | quiet | over)
-        return [(int(slots[i]), self._verdict(slots[i], fell[i], diverged[i], over[i], tick[i, -1])) for i in ended]
-
-    def _watch(self, slots: np.ndarray, ticks: Ticks, tick: np.ndarray) -> None:
-        speed = np.linalg.norm(ticks.com_velocity, axis=-1)
-        upright = (ticks.pelvis_uprightness > _COS_TILT) & (ticks.torso_uprightness > _COS_TILT)
-        judged = (tick >= self.end[slots, None] - round(JUDGED_S * CONTROL_HZ)) & (tick < self.end[slots, None])
-        self.speed_sum[slots] += (speed * judged).sum(axis=1)
-        self.tilted[slots] |= (~upright & judged).any(axis=1)
-        over = tick[:, 0] >= self.loop.pushes.end[slots]
-        self.upright_steps[slots] = np.where(over & upright.all(axis=1), self.upright_steps[slots] + 1, 0)
-        step = self.loop.tick[slots] // TICKS_PER_STEP
-        self.recent_speed[slots, step % self.recent_speed.shape[1]] = speed.mean(axis=1)
-        before = tick[:, -1] < self.start[slots]
-        soles = ticks.sole_position[..., :2]
-        self.foot_place[slots] = np.where(before[:, None, None], soles[:, -1], self.foot_place[slots])
-        shift = np.linalg.norm(soles - self.foot_place[slots, None], axis=-1).max(axis=(1, 2))
-        self.foot_shift[slots] = np.where(before, 0.0, np.maximum(self.foot_shift[slots], shift))
-        torque = (np.abs(ticks.joint_torque) / self.robot.torque_limit).max(axis=(1, 2))
-        velocity = (np.abs(ticks.joint_velocity) / self.robot.velocity_limit).max(axis=(1, 2))
-        self.torque_ratio[slots] = np.maximum(self.torque_ratio[slots], torque)
-        self.speed_ratio[slots] = np.maximum(self.speed_ratio[slots], velocity)
-
-    def _is_quiet(self, slots: np.ndarray) -> np.ndarray:
-        """Since the push's end, upright for `QUIET_S`, and over that time as slow on average as a recovered robot."""
-        speed = self.recent_speed[slots]
-        return (self.upright_steps[slots] >= speed.shape[1]) & (speed.mean(axis=1) < MAX_COM_SPEED)
-
-    def _verdict(self, slot: int, fell: bool, diverged: bool, over: bool, tick: int) -> Outcome:
-        com_speed = self.speed_sum[slot] / (JUDGED_S * CONTROL_HZ) if over else np.nan
-        if diverged:
-            reason = "diverged"
-        elif fell:
-            reason = "fell"
-        elif over and self.tilted[slot]:
-            reason = "tilted"
-        elif over and com_speed >= MAX_COM_SPEED:
-            reason = "restless"
-        else:
-            reason = "recovered"
-        return Outcome(
-            recovered=reason == "recovered",
-            reason=reason,
-            seconds=float(min(tick + 1, self.end[slot]) - self.start[slot]) / CONTROL_HZ,
-            foot_shift=float(self.foot_shift[slot]),
-            com_speed=float(com_speed),
-            torque_ratio=float(self.torque_ratio[slot]),
-            speed_ratio=float(self.speed_ratio[slot]),
+        begin = np.array(
+            [0 if trial.drop else round(SETTLE_S * CONTROL_HZ) + o for trial, o in zip(trials, offset, strict=True)]
+        )
+        for slot, trial, tick in zip(slots.tolist(), trials, begin.tolist(), strict=True):
+            self.loop.spoil(slot, trial.imperfections, trial.seed)
+            self._schedule(self.loop.pushes, slot, trial.push, tick)
+            if trial.first:
+                self._schedule(self.loop.first_pushes, slot, trial.first, tick)
+        self.judge.reset(
+            slots,
+            start_ticks,
+            start=begin + _ticks([min(push.start for push in trial.pushes) for trial in trials]),
+            push_end=begin + _ticks([max(push.start + push.duration for push in trial.pushes) for trial in trials]),
+            horizon=np.array([trial.horizon for trial in trials]),
+            calm_from=np.array([trial.calm_from for trial in trials]),
+            whole=np.array([trial.whole for trial in trials]),
         )
 
+    def _schedule(self, pushes: Pushes, slot: int, push: Push, begin: int) -> None:
+        impulse = push.impulse * np.array(push.direction)
+        start = np.array([begin + round(push.start / CONTROL_DT)])
+        body = np.array([self.robot.body_id(push.body)])
+        pushes.schedule(np.array([slot]), body, impulse, start, push.duration, self._arm(push))
 
-_COS_TILT = np.cos(np.radians(MAX_TILT_DEG))
+    def _arm(self, push: Push) -> float:
+        if push.lever is None:
+            return 0.0
+        key = (push.body, push.lever)
+        if key not in self._arms:
+            self._arms[key] = self.robot.lever_arm(self.loop.nominal, *key)
+        return self._arms[key]
+
+
+_ON_THE_FLOOR = Drop(0.0)
+
+
+def _ticks(seconds: list[float]) -> np.ndarray:
+    return np.rint(np.array(seconds) * CONTROL_HZ).astype(np.int64)

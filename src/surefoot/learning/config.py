@@ -35,6 +35,10 @@ class TrainConfig:
         final_learning_rate: share of the learning rate left at the end; it falls linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
         noise: standard deviation of the calmest and the boldest robot's exploration (DDPG).
+        noise_correlation: of that exploration from one policy step to the next.
+        final_noise: share of the exploration left at the end; it falls linearly (TRPO, PPO: the largest deviation).
+        average_steps: policy steps over which the actor's weights are averaged to give the policy that is probed and
+            kept; 0 for the newest weights. Learning goes on from the newest ones.
         mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
         env: the task.
     """
@@ -51,6 +55,9 @@ class TrainConfig:
     final_learning_rate: float = 1.0
     log_std: float = 0.0
     noise: tuple[float, float] = (0.1, 0.1)
+    noise_correlation: float = 0.0
+    final_noise: float = 1.0
+    average_steps: float = 0.0
     mirror: bool = False
     env: EnvConfig = field(default_factory=EnvConfig)
 

@@ -206,24 +206,34 @@ class WarmDDPG(DDPG):
         return super()._sample_action(0, *args, **kwargs)
 
 
-class GaussianNoise(VectorizedActionNoise):
-    """Gaussian exploration noise for a whole batch of robots at once, from calm to bold.
+class ExplorationNoise(VectorizedActionNoise):
+    """Exploration noise for a whole batch of robots at once, from calm to bold, correlated in time.
+
+    An Ornstein-Uhlenbeck process, as in Lillicrap et al. 2016: white noise at 25 Hz mostly shakes the joints.
 
     Args:
         shape: (num_robots, num_joints).
-        std: of the calmest and of the boldest robot; the others lie evenly between them on a logarithmic scale, so
-            that the replay buffer holds both fine standing and wild recoveries.
+        std: stationary, of the calmest and of the boldest robot; the others lie evenly between them on a logarithmic
+            scale, so that the replay buffer holds both fine standing and wild recoveries.
+        correlation: of one policy step with the next; 0 for white noise.
+
+    Attributes:
+        scale: what all deviations are multiplied by.
     """
 
-    def __init__(self, shape: tuple[int, int], std: tuple[float, float], rng: np.random.Generator):
-        self.shape, self.rng = shape, rng
+    def __init__(self, shape: tuple[int, int], std: tuple[float, float], correlation: float, rng: np.random.Generator):
+        self.shape, self.rng, self.correlation = shape, rng, correlation
         self.std = np.geomspace(*std, shape[0])[:, None]
+        self.scale = 1.0
+        self._noise = rng.standard_normal(shape)
 
     def __call__(self) -> np.ndarray:
-        return (self.std * self.rng.standard_normal(self.shape)).astype(np.float32)
+        fresh = self.rng.standard_normal(self.shape)
+        self._noise = self.correlation * self._noise + np.sqrt(1.0 - self.correlation**2) * fresh
+        return (self.scale * self.std * self._noise).astype(np.float32)
 
     def reset(self, indices: Any = None) -> None:
-        """White noise has no memory."""
+        """The process goes on across episodes: it is stationary."""
 
 
 class MirroredReplayBuffer(NStepReplayBuffer):
@@ -279,6 +289,20 @@ def actor_layers(model: BaseAlgorithm) -> Layers:
     if not isinstance(network, _Symmetric):
         return _linear_layers(network)
     return _unfold(_linear_layers(network.network), *policy._mirrors)
+
+
+def limit_exploration(model: BaseAlgorithm, log_std: float, share: float) -> None:
+    """Leave a share of the exploration: of DDPG's noise, or of the largest deviation that a Gaussian policy may have.
+
+    Args:
+        log_std: logarithm of the Gaussian policy's initial deviation.
+    """
+    noise = getattr(model, "action_noise", None)
+    if isinstance(noise, ExplorationNoise):
+        noise.scale = share
+    elif isinstance(model.policy, GaussianPolicy) and share < 1.0:
+        with torch.no_grad():
+            model.policy.log_std.clamp_(max=log_std + float(np.log(share)))
 
 
 def _linear_layers(network: nn.Module) -> Layers:

@@ -124,7 +124,7 @@ class Controls:
 
         @noise.on_update
         def _(_: viser.GuiEvent) -> None:
-            page.player.do(lambda session: setattr(session, "noise", float(noise.value) / 100.0))
+            page.player.do(lambda session: session.set_noise(float(noise.value) / 100.0))
 
         @friction.on_update
         def _(_: viser.GuiEvent) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import viser
 from viser import uplot
 
-from surefoot.observation import to_heading
 from surefoot.robot import Robot
 from surefoot.simulation import POLICY_HZ, Ticks
 from surefoot.viewer.session import Session
@@ -54,16 +53,19 @@ class History:
         """Remember the last tick of the session's last step, and the torques of all of it."""
         ticks = session.ticks
         one = Ticks(session.robot, session.loop.simulation.layout, ticks.record[robot : robot + 1, -1:])
-        center = np.append(one.sole_position[0, 0, :, :2].mean(axis=0), 0.0)
-        capture = np.append(one.capture_point[0, 0], 0.0)
+        center, forward = one.sole_position[0, 0, :, :2].mean(axis=0), one.heading[0, 0]
+
+        def ahead(points: np.ndarray) -> np.ndarray:
+            """Forward and to the left of the middle between the soles [cm]."""
+            away = points - center
+            turned = (away[..., 0] + 1j * away[..., 1]) * forward.conjugate()
+            return 100.0 * np.stack([turned.real, turned.imag], axis=-1)
+
         polygon = one.support_polygon(0, 0)
-        points = [one.com_position[0, 0] - center, capture - center]
-        corners = np.column_stack([polygon, np.zeros(len(polygon))]) - center
-        ahead = np.array([to_heading(one, p[None, None])[0, 0, :2] for p in [*points, *corners]]) * 100.0
-        edge = ahead[2:] if len(polygon) else np.full((1, 2), np.nan)
+        edge = ahead(polygon) if len(polygon) else np.full((1, 2), np.nan)
         (high_x, high_y), (low_x, low_y) = edge.max(axis=0), edge.min(axis=0)
+        (com_x, com_y), (cp_x, cp_y) = ahead(one.com_position[0, 0, :2]), ahead(one.capture_point[0, 0])
         roll, pitch = np.degrees(one.pelvis_attitude[:, 0, 0])
-        (com_x, com_y), (cp_x, cp_y) = ahead[0], ahead[1]
         self._rows.append([com_x, cp_x, high_x, low_x, com_y, cp_y, high_y, low_y, roll, pitch])
         torque = np.abs(ticks.joint_torque[robot]).max(axis=0) / ticks.robot.torque_limit
         fading = self.peak_torque * 0.985 if len(self.peak_torque) else torque

@@ -98,7 +98,8 @@ class Page:
 
         def rebuild(old: Session) -> None:
             session = Session(old.policy, num_robots)
-            session.noise, session.stands_up = old.noise, old.stands_up
+            session.stands_up = old.stands_up
+            session.set_noise(old.noise)
             if old.friction != session.friction:
                 session.set_friction(old.friction)
             self.watched = 0

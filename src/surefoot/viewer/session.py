@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses
 
 import numpy as np
 
-from surefoot.control import ControlLoop
-from surefoot.disturbance import PUSH_DURATION, Push
+from surefoot.control import ControlLoop, Imperfections
+from surefoot.disturbance import PUSH_DURATION, Push, Pushes
 from surefoot.errors import UserError
 from surefoot.policy import Policy
 from surefoot.robot import load_robot
-from surefoot.signals import LowPass
 from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Ticks
 from surefoot.strategies import StrategyWatch
 from surefoot.trials import JOINT_NOISE
@@ -22,21 +21,12 @@ LIFT = Push("pelvis", (0.0, 0.0, 1.0), impulse=500.0)
 """The paper lifts the robot by 500 Ns, then pushes it in the air (section V)."""
 AIRBORNE_S = 0.2
 """From the end of the lift to the push [s]: the robot is in the air then."""
-OBSERVATION_NOISE, ACTION_NOISE = 0.5, 0.1
-"""Standard deviations of the paper's noise: on the observation at 500 Hz, before its filter, and on the action."""
+PAPER_NOISE = Imperfections(observation_noise=0.5, action_noise=0.1)
+"""Section V-D of the paper: on the observation at 500 Hz before its filter, and on the joint targets [rad]."""
 DOWN_S = 2.0
 """A fallen robot that stands up again by itself does so after that time [s]."""
 FRICTION = 1.0
 _NEVER = np.iinfo(np.int64).max
-
-
-@dataclass(frozen=True)
-class _Queued:
-    """A push that begins at a tick since a robot's reset."""
-
-    robot: int
-    tick: int
-    push: Push
 
 
 class Session:
@@ -49,7 +39,7 @@ class Session:
 
     Attributes:
         verdicts: states and counts.
-        noise: share of the paper's noise on observation and action.
+        noise: share of the paper's noise on observation and joint targets.
         friction: of floor and robot, sliding.
         stands_up: do fallen robots stand up again after `DOWN_S`?
         message: what went wrong last, for the user; the reader empties it.
@@ -81,9 +71,7 @@ class Session:
         self._begin = np.full(num_robots, _NEVER)
         self._told = [""] * num_robots
         self._rng = np.random.default_rng(seed)
-        self._noise_filter = LowPass(num_robots, self.loop.observation.shape[1], TICKS_PER_STEP, CONTROL_HZ)
         self._geom_friction: np.ndarray | None = None
-        self._queue: list[_Queued] = []
         self._pulls: dict[int, tuple[int, np.ndarray]] = {}
         self.ticks = self.reset()
 
@@ -96,29 +84,24 @@ class Session:
         joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
         start = self.loop.reset(ids, joints, height=height)
         self.policy.reset(ids)
-        self._noise_filter.reset(ids, np.zeros((len(ids), self.loop.observation.shape[1])))
+        self._spoil(ids)
         self.verdicts.reset(ids)
         self._watch.reset(ids, start)
         self._begin[ids] = _NEVER
-        self._queue = [queued for queued in self._queue if queued.robot not in ids]
         for robot in ids.tolist():
             self._pulls.pop(robot, None)
             self._told[robot] = ""
         return start
 
     def push(self, push: Push, ids: np.ndarray | None = None) -> None:
-        """Push robots `ids` (all without it) `push.start` seconds from now; replaces what pushes them then."""
-        self.robot.body_id(push.body)  # an unknown one is refused here
-        ids = self.everyone if ids is None else ids
-        ticks = self.loop.tick[ids] + round(push.start * CONTROL_HZ)
-        self._queue += [_Queued(int(robot), int(tick), push) for robot, tick in zip(ids, ticks, strict=True)]
-        self._disturb(ids, ticks, ticks + round(push.duration * CONTROL_HZ))
+        """Push robots `ids` (all without it) `push.start` seconds from now, instead of what pushes them then."""
+        self._schedule(self.loop.pushes, self.everyone if ids is None else ids, push)
 
     def lift_and_push(self, push: Push, lift: Push = LIFT) -> None:
         """Lift all robots off the ground, and push them while they are in the air."""
-        self.push(lift)
+        self._schedule(self.loop.first_pushes, self.everyone, lift)
         after = lift.start + lift.duration + AIRBORNE_S
-        self.push(Push(push.body, push.direction, push.impulse, after, push.duration))
+        self.push(dataclasses.replace(push, start=after))
 
     def drop(self, height: float) -> None:
         """Let all robots fall from `height` [m] above the floor."""
@@ -132,6 +115,11 @@ class Session:
     def release(self, robot: int) -> None:
         """Let go of a robot."""
         self._pulls.pop(robot, None)
+
+    def set_noise(self, share: float) -> None:
+        """A share of the paper's noise from now on."""
+        self.noise = share
+        self._spoil(self.everyone)
 
     def set_policy(self, policy: Policy) -> None:
         """Go on with another policy for the same robot, in the middle of whatever is happening.
@@ -158,9 +146,8 @@ class Session:
 
     def step(self) -> Ticks:
         """One policy step of all robots: their ticks, in a buffer that the next step overwrites."""
-        self._begin_pushes()
-        actions = self._act()
-        self.ticks = self.loop.step(actions)
+        self._hold()
+        self.ticks = self.loop.step(self._act())
         self.num_steps += 1
         diverged = self.loop.simulation.diverged
         self._recognise(diverged)
@@ -173,29 +160,23 @@ class Session:
                 self.reset(np.flatnonzero(down))
         return self.ticks
 
-    def since_push(self, tick: int) -> np.ndarray:
-        """At a tick of the last step, time since the end of each robot's last push (num_robots,) [s].
+    @property
+    def pushes(self) -> tuple[Pushes, Pushes]:
+        """What acts on the robots: hands and lifts, and pushes."""
+        return self.loop.first_pushes, self.loop.pushes
 
-        Negative while it lasts; infinite without one.
+    def since(self, pushes: Pushes, tick: int) -> np.ndarray:
+        """At a tick of the last step, time since the end of each robot's push (num_robots,) [s].
+
+        Negative while it lasts; infinite before it and without one.
         """
         now = self.loop.tick - len(self.ticks) + tick % len(self.ticks)
-        pushes = self.loop.pushes
         return np.where(now >= pushes.start, (now - pushes.end) / CONTROL_HZ, np.inf)
 
     @property
     def is_held(self) -> np.ndarray:
         """Who is held by a hand, bool (num_robots,)."""
         return np.isin(self.everyone, list(self._pulls))
-
-    @property
-    def last_force(self) -> np.ndarray:
-        """Force of each robot's last push (num_robots, 3) [N]."""
-        return self.loop.pushes.force
-
-    @property
-    def pushed_body(self) -> np.ndarray:
-        """MuJoCo ids (num_robots,) of the bodies that it acts on."""
-        return self.loop.pushes.body
 
     def strategies(self, robot: int) -> str:
         """How a robot keeps its balance since its disturbance began, or did at the last one, in words."""
@@ -204,10 +185,9 @@ class Session:
         return self._told[robot]
 
     def is_pushed(self) -> bool:
-        """Is any push under way or in line?"""
-        return bool(self._queue) or bool(
-            ((self.loop.pushes.start <= self.loop.tick) & (self.loop.tick < self.loop.pushes.end)).any()
-        )
+        """Is any push under way or to come?"""
+        none = np.iinfo(np.int64).max
+        return any(bool(((self.loop.tick < p.end) & (p.end < none)).any()) for p in self.pushes)
 
     def _disturb(self, ids: np.ndarray, begin: np.ndarray, over: np.ndarray) -> None:
         """Robots `ids` (n,) are disturbed between these ticks (n,) since their reset."""
@@ -228,33 +208,30 @@ class Session:
             self._watch.reset(recovered, last)
             self._begin[recovered] = _NEVER
 
-    def _begin_pushes(self) -> None:
-        now = self.loop.tick
-        for queued in [q for q in self._queue if q.tick < now[q.robot] + TICKS_PER_STEP]:
-            self._queue.remove(queued)
-            body, impulse = self.robot.body_id(queued.push.body), queued.push.impulse * np.array(queued.push.direction)
-            self._schedule(queued.robot, body, impulse, queued.tick, queued.push.duration)
+    def _hold(self) -> None:
+        """What hands pull at in the next step."""
+        seconds = TICKS_PER_STEP / CONTROL_HZ
         for robot, (body, force) in self._pulls.items():
-            duration = TICKS_PER_STEP / CONTROL_HZ
-            self._schedule(robot, body, force * duration, int(now[robot]), duration)
-            self._disturb(np.array([robot]), now[[robot]], now[[robot]] + TICKS_PER_STEP)
+            ids, now = np.array([robot]), self.loop.tick[[robot]]
+            self.loop.first_pushes.schedule(ids, np.array([body]), force * seconds, now, seconds)
+            self._disturb(ids, now, now + TICKS_PER_STEP)
 
-    def _schedule(self, robot: int, body: int, impulse: np.ndarray, tick: int, duration: float) -> None:
-        self.loop.pushes.schedule(np.array([robot]), np.array([body]), impulse, np.array([tick]), duration)
+    def _schedule(self, pushes: Pushes, ids: np.ndarray, push: Push) -> None:
+        body = np.full(len(ids), self.robot.body_id(push.body))
+        begin = self.loop.tick[ids] + round(push.start * CONTROL_HZ)
+        pushes.schedule(ids, body, push.impulse * np.array(push.direction), begin, push.duration)
+        self._disturb(ids, begin, begin + round(push.duration * CONTROL_HZ))
+
+    def _spoil(self, ids: np.ndarray) -> None:
+        imperfections = Imperfections(self.noise * PAPER_NOISE.observation_noise, self.noise * PAPER_NOISE.action_noise)
+        for robot in ids.tolist():
+            self.loop.spoil(robot, imperfections, int(self._rng.integers(2**31)))
 
     def _act(self) -> np.ndarray:
-        observations = self.loop.observation
-        if self.noise > 0.0:
-            # The filter is linear: noise that went through it is what noise before it comes to.
-            sigma = self.noise * OBSERVATION_NOISE
-            noise = self._rng.normal(0.0, sigma, (self.num_robots, TICKS_PER_STEP, observations.shape[1]))
-            observations = observations + self._noise_filter(noise)
-        actions = np.asarray(self.policy(observations, self.everyone), float)
+        actions = np.asarray(self.policy(self.loop.observation, self.everyone), float)
         if not np.isfinite(actions).all():
             self.message = f"policy {self.policy.name} returned numbers that are not finite; its nominal pose holds"
             actions = np.where(np.isfinite(actions), actions, 0.0)
-        if self.noise > 0.0:
-            actions = actions + self._rng.normal(0.0, self.noise * ACTION_NOISE, actions.shape)
         return actions
 
 

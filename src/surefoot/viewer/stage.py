@@ -86,8 +86,13 @@ class Stage:
             for body, handle in self.bodies.items():
                 handle.batched_positions = self._xpos[body].astype(np.float32)
                 handle.batched_wxyzs = self._xquat[body].astype(np.float32)
-            centers = self._pushed[session.pushed_body, np.arange(self.num_robots)]
-            self._marks.show_pushes(centers, session.last_force, session.since_push(tick), session.is_held)
+            everyone = np.arange(self.num_robots)
+            self._marks.show_pushes(
+                centers=np.concatenate([self._pushed[pushes.body, everyone] for pushes in session.pushes]),
+                force=np.concatenate([pushes.force for pushes in session.pushes]),
+                since=np.concatenate([session.since(pushes, tick) for pushes in session.pushes]),
+                is_held=np.append(session.is_held, np.zeros(self.num_robots, bool)),
+            )
             self._marks.show_states(self._xpos[1], session.verdicts.state if self.num_robots > 1 else None)
             moment = Moment.of(ticks, robot=watched, tick=tick)
             self._marks.show_balance(moment, self.places[watched], self.overlays)
