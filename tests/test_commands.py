@@ -10,15 +10,20 @@ import time
 from pathlib import Path
 
 import imageio.v3 as imageio
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
 
 from surefoot import scene
+from surefoot.disturbance import Drop
 from surefoot.errors import UserError
 from surefoot.policy import NominalPolicy
+from surefoot.scenarios import Scenario
+from surefoot.scene import Scene
+from surefoot.video import draw_moment, record, trial_words
 from surefoot.viewer.clip import SIZE, ClipRecorder, save_clip
-from surefoot.viewer.commands import Picture, Video, push_trial
+from surefoot.viewer.commands import Picture, Video, push_trial, scenario_trial
 from surefoot.viewer.session import Session, horizontal_push
 
 
@@ -57,6 +62,48 @@ def test_directions_are_words_or_degrees_to_the_left(words, direction):
     assert push_trial("torso", words, 60.0, 0.12, 0).push.direction == pytest.approx(direction, abs=1e-12)
 
 
+def test_a_scenario_is_shown_as_it_is_tested():
+    line = {
+        line.name: line for line in Scenario("combined", first_impulse=500.0, first_up=True, gap=(0.24, 0.24)).lines()
+    }
+    assert scenario_trial("combined", "left", 72.0, 3) == line["left"].trial(12, 3, whole=True)
+    assert scenario_trial("drop_055", "forward", 120.0, 1).drop == Drop(0.55)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("flight", "forward", 6.0, 0), "unknown scenario 'flight'; valid: pelvis_push, "),
+        (("combined", "up", 6.0, 0), "combined has no direction 'up'; valid: forward, left, backward, right"),
+        (("combined", "left", 7.0, 0), "combined has no size 7; valid: multiples of 6 up to 900 Ns"),
+        (("combined", "left", float("nan"), 0), "combined has no size nan"),
+        (("combined", "left", 6.0, -1), "seed must not be negative, not -1"),
+        (("drop_055", "forward", 6.0, 8), "seed of drop_055 must be 0 to 7, not 8"),
+        (("no.toml:mine", "forward", 6.0, 0), "unknown suite 'no.toml'"),
+    ],
+)
+def test_a_trial_that_is_not_there_is_refused(arguments, message):
+    with pytest.raises(UserError, match=message):
+        scenario_trial(*arguments)
+
+
+def test_trials_are_told_in_words():
+    assert trial_words(scenario_trial("combined", "left", 72.0, 0)) == "500 Ns up, then 72 Ns left"
+    assert trial_words(scenario_trial("landing_tilt", "left", 5.0, 0)) == "drop from 0.4 m, leaning"
+    assert trial_words(scenario_trial("standing", "forward", 6.0, 0)) == "no push"
+
+
+def test_the_push_in_the_air_is_drawn_when_it_comes(needs_opengl):
+    trial = scenario_trial("combined", "forward", 300.0, 0)
+    recording = record(NominalPolicy(), trial)
+    with Scene(recording.robot, 320, 240) as canvas:
+        lift, push = (draw_moment(canvas, trial, recording.at(time)) for time in (0.1, 0.3))
+    orange = [((p >= (200, 50, 0)) & (p <= (255, 140, 60))).all(axis=-1) for p in (lift, push)]
+    rows, columns = zip(*(np.ptp(np.argwhere(o), axis=0) for o in orange), strict=True)
+    assert rows[0] > columns[0], "upwards"
+    assert columns[1] > rows[1], "forwards"
+
+
 def test_a_clip_replays_what_was_played_with_its_push(needs_opengl, tmp_path):
     session, recorder = Session(NominalPolicy(), 1), ClipRecorder()
     session.push(horizontal_push("pelvis", 0.0, 120.0))
@@ -66,8 +113,12 @@ def test_a_clip_replays_what_was_played_with_its_push(needs_opengl, tmp_path):
     pushes = [shot.push.impulse if shot.push else 0.0 for shot in recorder.shots()]
     assert pushes == pytest.approx([40.0] * 4), "1000 N in each policy step"
     save_clip(tmp_path / "clip.mp4", session.robot, recorder.shots())
-    frames = imageio.imread(tmp_path / "clip.mp4")
-    assert frames.shape == (4, SIZE[1], SIZE[0], 3)
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", tmp_path / "clip.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    shown = subprocess.run(command, capture_output=True, check=True).stdout
+    frames = np.frombuffer(shown, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3)
+    assert len(frames) == 4
+    orange = ((frames >= (190, 40, 0)) & (frames <= (255, 150, 80))).all(axis=-1)
+    assert (orange.sum(axis=(1, 2)) > 200).all(), "the arrow"
 
 
 def test_an_empty_clip_is_refused(robot, tmp_path):

@@ -70,7 +70,10 @@ class Video:
     direction: str = "forward"
     """forward, left, backward, right, or degrees from forward to the left."""
     impulse: float = 120.0
-    """Force x duration [Ns]."""
+    """Force x duration [Ns]; with --scenario the size of what it searches: Ns, m or degrees."""
+    scenario: str = ""
+    """A scenario of `surefoot evaluate` instead of a push: its name, or FILE.toml:NAME. With a direction, a size and a
+    seed it is the very trial of the results table."""
     duration: float = 0.12
     """How long it pushes [s]."""
     seed: int = 0
@@ -90,7 +93,7 @@ class Video:
         from surefoot import video
 
         video.check_film(self.out, self.size)
-        trial = push_trial(self.body, self.direction, self.impulse, self.duration, self.seed)
+        trial = chosen_trial(self, self.impulse)
         with console.status(f"filming {self.out}"):
             recording = video.record(named_policy(self.policy), trial)
             video.save_video(self.out, recording, self.fps, self.size, begin=self.begin, end=self.end, speed=self.speed)
@@ -110,7 +113,9 @@ class Picture:
     direction: str = "forward"
     """forward, left, backward, right, or degrees from forward to the left."""
     impulse: tuple[float, ...] = (120.0,)
-    """Force x duration [Ns], one or more."""
+    """Force x duration [Ns], one or more; with --scenario sizes of what it searches: Ns, m or degrees."""
+    scenario: str = ""
+    """A scenario of `surefoot evaluate` instead of a push: its name, or FILE.toml:NAME."""
     duration: float = 0.12
     """How long it pushes [s]."""
     seed: int = 0
@@ -125,12 +130,12 @@ class Picture:
         from surefoot.scene import Scene
 
         video.check_picture(self.out)
-        trials = [push_trial(self.body, self.direction, ns, self.duration, self.seed) for ns in self.impulse]
+        trials = [chosen_trial(self, size) for size in self.impulse]
         with console.status(f"drawing {self.out}"):
             recordings = [video.record(named_policy(self.policy), trial) for trial in trials]
             if len(recordings) == len(self.times) == 1:
                 with Scene(recordings[0].robot, *self.size) as scene:
-                    image = scene.draw(recordings[0].at(self.times[0]), trials[0].push)
+                    image = video.draw_moment(scene, trials[0], recordings[0].at(self.times[0]))
             else:
                 image = video.filmstrip(recordings, self.times, self.size)
             video.save_picture(self.out, image)
@@ -142,6 +147,43 @@ def named_policy(name: str) -> Policy:
     from surefoot.policy import NominalPolicy, load_policy
 
     return NominalPolicy() if name == "nominal" else load_policy(name)
+
+
+def chosen_trial(options: Video | Picture, size: float) -> Trial:
+    """What is to be shown: a scenario's trial, or a push of `size` [Ns]."""
+    if options.scenario:
+        return scenario_trial(options.scenario, options.direction, size, options.seed)
+    return push_trial(options.body, options.direction, size, options.duration, options.seed)
+
+
+def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
+    """The whole trial of a scenario; `size` is on the grid of what it searches, and means nothing if it does not.
+
+    Raises:
+        UserError: there is no such scenario, direction, size or seed.
+    """
+    from surefoot.scenarios import SUITES, suite
+
+    file, _, key = name.rpartition(":")
+    among = suite(file) if file else [scenario for scenarios in SUITES.values() for scenario in scenarios]
+    scenarios = {scenario.name: scenario for scenario in among}
+    if key not in scenarios:
+        raise UserError(f"unknown scenario '{key}'; valid: {', '.join(scenarios)}")
+    lines = {line.name: line for line in scenarios[key].lines()}
+    if direction not in lines:
+        raise UserError(f"{key} has no direction '{direction}'; valid: {', '.join(lines)}")
+    line = lines[direction]
+    if not line.scenario.search:
+        if not 0 <= seed < line.scenario.trials:
+            raise UserError(f"seed of {key} must be 0 to {line.scenario.trials - 1}, not {seed}")
+        return line.fixed_trials()[seed]
+    cell = round(size / line.grid) if np.isfinite(size) else 0
+    if not 1 <= cell <= line.num_cells or abs(line.size(cell) - size) > 1e-6:
+        valid = f"multiples of {line.grid:g} up to {line.size(line.num_cells):g} {line.scenario.unit}"
+        raise UserError(f"{key} has no size {size:g}; valid: {valid}")
+    if seed < 0:
+        raise UserError(f"seed must not be negative, not {seed}")
+    return line.trial(cell, seed, whole=True)
 
 
 def push_trial(body: str, direction: str, impulse: float, duration: float, seed: int) -> Trial:
