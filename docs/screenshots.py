@@ -38,8 +38,8 @@ def take(chromium: Any, num_robots: int, act: Callable[[Page], None], path: Path
         tab.goto(page.address)
         tab.get_by_role("button", name="Reset").wait_for()
         time.sleep(DRAWN_S)
-        for note in tab.locator(".mantine-Notification-closeButton").all():
-            note.dispatch_event("click")  # that there is no graphics card
+        # Away with the note that there is no graphics card.
+        tab.evaluate("document.querySelectorAll('.mantine-Notification-closeButton').forEach(button => button.click())")
         act(page)
         time.sleep(DRAWN_S)
         tab.screenshot(path=path)
