@@ -30,8 +30,8 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
-def until(claim: Callable[[], bool], seconds: float = 20.0) -> bool:
-    """Has the claim become true within that time?"""
+def until(claim: Callable[[], bool], seconds: float = 60.0) -> bool:
+    """Has the claim become true within that time? Long, for machines that draw while others compute."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if claim():
@@ -127,7 +127,8 @@ def test_a_push_by_button_moves_the_robot_and_its_label(tab, page):
     press(tab, "Push")
     assert until(lambda: says(tab, "Recovering"))
     assert until(lambda: np.abs(pelvis(page) - before)[0] > 0.1)
-    assert until(lambda: says(tab, "Recovered") and says(tab, "step"))
+    assert until(lambda: says(tab, "Recovered"))
+    assert any(says(tab, strategy) for strategy in ("ankle", "hip", "foot tilt", "step"))
     assert page.player.session.verdicts.recovered == recovered + 1
 
 
