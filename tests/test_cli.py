@@ -47,6 +47,24 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
             "surefoot: unknown format '.xls' of t.xls; valid: .csv, .parquet",
         ),
         (["evaluate", "other.onnx"], "surefoot: unknown robot 'atlas'; valid: valkyrie"),
+        (["play", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
+        (["play", "--robots", "65", "--port", "0"], "surefoot: the number of robots must be 1 to 64, not 65"),
+        (["video", "--out", "film.avi"], "surefoot: cannot write 'film.avi': unknown suffix '.avi'; valid: .mp4, .gif"),
+        (
+            ["video", "--out", "film.mp4", "--size", "321", "240"],
+            "surefoot: an .mp4 cannot have 321 x 240 pixels; valid: even numbers",
+        ),
+        (["video", "--impulse", "-3"], "surefoot: impulse must be a positive number, not -3.0"),
+        (
+            ["picture", "--direction", "up"],
+            "surefoot: unknown direction 'up'; valid: forward, left, backward, right, degrees",
+        ),
+        (["picture", "--duration", "nan"], "surefoot: duration must be a positive number, not nan"),
+        (
+            ["picture", "--body", "nose"],
+            "surefoot: unknown body 'nose' of valkyrie; valid: pelvis, torso, left_thigh, right_thigh, left_shank, "
+            "right_shank",
+        ),
         (["bench", "--seconds", "inf"], "surefoot: seconds must be a positive number, not inf"),
     ],
 )

@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from surefoot.errors import UserError
+from surefoot.viewer.commands import Picture, Play, Video
 
 if TYPE_CHECKING:
     from surefoot.scenarios import Scenario
@@ -251,6 +252,9 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "bench": Bench,
     "demo": Demo,
     "pictures": Pictures,
+    "play": Play,
+    "video": Video,
+    "picture": Picture,
 }
 
 
