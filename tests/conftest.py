@@ -1,4 +1,4 @@
-"""What several test files need: the robot, a robot at rest, and ticks with some of their quantities replaced."""
+"""What several test files need: the robot, a robot at rest, altered ticks, and outcomes that nobody had to run."""
 
 from __future__ import annotations
 
@@ -11,8 +11,20 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import numpy as np
 import pytest
 
+from surefoot.judge import Outcome
 from surefoot.robot import Robot, load_robot
 from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
+
+
+def an_outcome(**changes: object) -> Outcome:
+    """An outcome of a trial that recovered at its horizon, but for what is changed; six joint groups."""
+    values = {
+        "recovered": True, "reason": "recovered", "seconds": 10.0, "foot_shift": 0.0, "com_speed": 0.01,
+        "pelvis_tilt": 0.1, "ankle": False, "hip": False, "foot_tilt": False, "steps": 0, "calm_drift": 0.001,
+        "calm_power": 2.0, "calm_steps": 0.0, "torque_ratio": 0.5, "speed_ratio": 0.25, "torque_peaks": (10.0,) * 6,
+        "speed_peaks": (1.0,) * 6, "saturated_s": (0.0,) * 6,
+    }  # fmt: skip
+    return Outcome(**(values | changes))
 
 
 @pytest.fixture(scope="session")

@@ -5,13 +5,15 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from conftest import an_outcome
 
 from surefoot.disturbance import Push
 from surefoot.errors import UserError
+from surefoot.judge import Outcome
 from surefoot.policy import NominalPolicy
 from surefoot.robot import Robot
 from surefoot.simulation import Ticks
-from surefoot.trials import Outcome, Trial, TrialSource, run_list, run_trials
+from surefoot.trials import Trial, TrialSource, run_list, run_trials
 
 FORWARD, LEFT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 Motion = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -213,7 +215,7 @@ def test_a_foot_that_moves_more_than_3_cm_has_stepped(robot: Robot) -> None:
 def test_without_step_is_a_recovery_with_both_feet_in_place(
     recovered: bool, foot_shift: float, without_step: bool
 ) -> None:
-    outcome = Outcome(recovered, "", 10.0, foot_shift, 0.0, 0.5, 0.5)
+    outcome = an_outcome(recovered=recovered, foot_shift=foot_shift)
     assert outcome.without_step is without_step
 
 
