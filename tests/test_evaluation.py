@@ -296,15 +296,15 @@ def test_a_search_that_is_taken_up_again_repeats_nothing_and_ends_alike() -> Non
     store = Memory()
     whole = Arena([FORWARD, LEFT], by_rule(rough), 16)
 
-    class Killed(Exception):
+    class KilledError(Exception):
         pass
 
     def killed_at_200(trial: Trial) -> Outcome:
         if len(store) == 200:
-            raise Killed
+            raise KilledError
         return by_rule(rough)(trial)
 
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         Arena([FORWARD, LEFT], killed_at_200, 16, store=store)
     before = set(store)
     resumed = Arena([FORWARD, LEFT], by_rule(rough), 16, seed=1, store=store)
