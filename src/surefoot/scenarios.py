@@ -139,7 +139,7 @@ class Line:
 
     def _trial(self, seed: int, whole: bool, *, impulse: float | None = None, height: float | None = None, tilt=0.0):
         s = self.scenario
-        along = (round(math.cos(self.angle), 12), round(math.sin(self.angle), 12), 0.0)
+        along = (round(math.cos(self.angle), 12) + 0.0, round(math.sin(self.angle), 12) + 0.0, 0.0)  # never -0.0
         size = s.impulse if impulse is None else impulse
         dropped = s.drop if height is None else height
         first = None
