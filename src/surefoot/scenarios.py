@@ -240,7 +240,7 @@ def suite(name: str) -> tuple[Scenario, ...]:
         raise UserError(f"unknown suite '{name}'; valid: {', '.join(SUITES)}, or a scenario file (.toml)")
     try:
         entries = tomllib.loads(file.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError) as error:  # not UTF-8, not TOML, or a number of thousands of digits
         raise UserError(f"cannot read {file} as a scenario file: {error}") from error
     unknown = set(entries) - {"scenario"}
     if unknown or not isinstance(entries.get("scenario"), list) or not entries["scenario"]:
@@ -352,12 +352,13 @@ def _directions(value: Any, where: str) -> Any:
 
 
 def _is_direction(value: Any) -> bool:
-    return value in DIRECTIONS if isinstance(value, str) else _is_number(value) and abs(value) <= 360.0
+    return value in DIRECTIONS if isinstance(value, str) else (_is_number(value) and abs(value) <= 360.0)
 
 
 def _is_number(value: Any) -> bool:
     # An integer is finite, however large; `math.isfinite` would have to make a float of it.
-    return isinstance(value, int) and not isinstance(value, bool) or isinstance(value, float) and math.isfinite(value)
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    return whole or (isinstance(value, float) and math.isfinite(value))
 
 
 def _named(names: set[str]) -> str:
