@@ -67,13 +67,25 @@ CREATE TABLE IF NOT EXISTS thresholds (
     UNIQUE (policy, setup, scenario, direction)
 );
 """
+
+
+def _latest(table: str) -> str:
+    """Condition on rows joined with `policies`: of each name the policy and setup that wrote last.
+
+    A policy that was learned anew bears the name of the old one, whose rows are still there.
+    """
+    last = f"SELECT max({table}.rowid) FROM {table} JOIN policies USING (policy) GROUP BY name"
+    return f"(policy, setup) IN (SELECT policy, setup FROM {table} WHERE rowid IN ({last}))"
+
+
 EXPORT_SUFFIXES = (".csv", ".parquet")
 _EXPORTS = {
     "policies": "SELECT * FROM policies",
     "trials": "SELECT name, trials.* FROM trials JOIN policies USING (policy) ORDER BY name, id",
     "thresholds": "SELECT name, thresholds.* FROM thresholds JOIN policies USING (policy) "
-    "ORDER BY name, scenario, angle_rad",
-    "scenarios": "SELECT name, scenarios.* FROM scenarios JOIN policies USING (policy) ORDER BY name, scenario",
+    f"WHERE {_latest('thresholds')} ORDER BY name, scenario, angle_rad",
+    "scenarios": "SELECT name, scenarios.* FROM scenarios JOIN policies USING (policy) "
+    f"WHERE {_latest('scenarios')} ORDER BY name, scenario",
 }
 
 
@@ -157,8 +169,8 @@ class Results:
     def thresholds_of(self, policy_name: str) -> list[Threshold]:
         """The thresholds of the policy of this name, as they were found."""
         cursor = self._db.execute(
-            "SELECT thresholds.* FROM thresholds JOIN policies USING (policy) WHERE name = ?"
-            " ORDER BY scenario, angle_rad",
+            "SELECT thresholds.* FROM thresholds JOIN policies USING (policy)"
+            f" WHERE name = ? AND {_latest('thresholds')} ORDER BY scenario, angle_rad",
             (policy_name,),
         )
         return [_threshold(values) for values in _as_dicts(cursor)]
@@ -167,7 +179,8 @@ class Results:
         """Outcomes of the scenarios in which nothing is searched, by scenario."""
         found: dict[str, dict[Trial, Outcome]] = {}
         for policy, setup, name, definition, _ in self._db.execute(
-            "SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ?", (policy_name,)
+            f"SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ? AND {_latest('scenarios')}",
+            (policy_name,),
         ).fetchall():
             scenario = from_json(json.loads(definition))
             if not scenario.search:
