@@ -108,7 +108,7 @@ class Results:
         path: of the file, or ":memory:".
 
     Raises:
-        UserError: the file is not a results table, or is one of another version; it is left as it is.
+        UserError: the file is not a results table, is damaged, or is one of another version; it is left as it is.
     """
 
     def __init__(self, path: str | Path):
@@ -119,6 +119,9 @@ class Results:
             tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if tables and version != SCHEMA:
                 raise UserError(f"{path} is a results table of version {version}, not {SCHEMA}; give another file")
+            damage = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if damage != "ok":
+                raise UserError(f"cannot use {path} as a results table: {' '.join(damage.split())}")
             self._db.executescript(_TABLES)
             self._db.execute(f"PRAGMA user_version = {SCHEMA}")
             self._db.commit()
