@@ -75,6 +75,9 @@ class ControlLoop:
         self._units = observation.units(robot)
         self._scales = observation.scales(robot)
         self._filter = LowPass(num_robots, len(self._units), TICKS_PER_STEP, CONTROL_HZ)
+        # What sensors get wrong goes through a filter of its own, and the sum is as if it had been added before the
+        # one: so that a perfect robot's numbers do not change by a bit with who else is in the batch.
+        self._error = LowPass(num_robots, len(self._units), TICKS_PER_STEP, CONTROL_HZ)
         self._observation_noise = Noise(num_robots)
         self._action_noise = Noise(num_robots)
         self._bias = np.zeros((num_robots, len(self._units)))
@@ -86,7 +89,7 @@ class ControlLoop:
     @property
     def observation(self) -> np.ndarray:
         """The filtered observation at the end of each robot's last policy step: (num_robots, 47) float64."""
-        return self._filter.output / self._units
+        return self._filter.output / self._units + self._error.output
 
     def reset(self, ids: np.ndarray, joint_position: np.ndarray, **stance: np.ndarray | float) -> Ticks:
         """Put perfect robots `ids` (n,) at rest and without a push; `stance` as for `Simulation.reset`."""
@@ -97,12 +100,14 @@ class ControlLoop:
         self.pushes.cancel(ids)
         self.first_pushes.cancel(ids)
         self._imperfect[ids] = False
+        self._error.reset(ids, np.zeros((len(ids), len(self._units))))
         return start
 
     def spoil(self, robot: int, imperfections: Imperfections, seed: int) -> None:
         """Give one robot imperfections, right after its reset; `seed` draws its noise and its bias."""
         bias, observation_noise, action_noise = np.random.default_rng(seed).spawn(3)
         self._bias[robot] = imperfections.sensor_bias * self._scales * bias.standard_normal(len(self._units))
+        self._error.reset(np.array([robot]), self._bias[robot])
         self._observation_noise.reset(robot, imperfections.observation_noise, observation_noise)
         self._action_noise.reset(robot, imperfections.action_noise, action_noise)
         self._delay.reset(robot, round(imperfections.latency * CONTROL_HZ), self._target[robot])
@@ -135,8 +140,9 @@ class ControlLoop:
         self._target[rows] = goal
         self._write_pushes()
         ticks = self.simulation.step(None if everyone else path, ids)
-        signals = observation.quantities(ticks)
-        self._filter(self._spoiled(signals, rows, imperfect) if len(imperfect) else signals, rows)
+        self._filter(observation.quantities(ticks), rows)
+        if len(imperfect):
+            self._add_error(self._ids(rows, imperfect))
         self.tick[rows] += TICKS_PER_STEP
         return ticks
 
@@ -147,12 +153,9 @@ class ControlLoop:
         for pushes in both:
             pushes.add(self.simulation.wrench, self.tick)
 
-    def _spoiled(self, signals: list[np.ndarray], rows: np.ndarray | slice, imperfect: np.ndarray) -> list[np.ndarray]:
-        whole = np.concatenate(signals, axis=-1)
-        ids = self._ids(rows, imperfect)
-        vector = whole[imperfect] / self._units + self._bias[ids, None]
-        whole[imperfect] = self._observation_noise.add(ids, vector) * self._units
-        return [whole]
+    def _add_error(self, ids: np.ndarray) -> None:
+        bias = np.repeat(self._bias[ids, None], TICKS_PER_STEP, axis=1)
+        self._error([self._observation_noise.add(ids, bias)], ids)
 
     def _ids(self, rows: np.ndarray | slice, some: np.ndarray) -> np.ndarray:
         return some if isinstance(rows, slice) else rows[some]
