@@ -1,4 +1,4 @@
-"""What several test files need: the robot, a robot at rest, altered ticks, and outcomes that nobody had to run."""
+"""What several test files need: the robot, one at rest, altered ticks, policies that move, and made-up outcomes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,14 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import numpy as np
 import pytest
 
+from surefoot.disturbance import Push
 from surefoot.judge import Outcome
+from surefoot.policy import NominalPolicy
 from surefoot.robot import Robot, load_robot
 from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
+from surefoot.trials import Trial, run_list
+
+Motion = Callable[[np.ndarray], dict[str, np.ndarray]]
 
 
 def an_outcome(**changes: object) -> Outcome:
@@ -25,6 +30,66 @@ def an_outcome(**changes: object) -> Outcome:
         "speed_peaks": (1.0,) * 6, "saturated_s": (0.0,) * 6,
     }  # fmt: skip
     return Outcome(**(values | changes))
+
+
+def pushed(impulse: float, seed: int, direction: tuple = (1.0, 0.0, 0.0), whole: bool = True, **push: object) -> Trial:
+    return Trial(Push(direction=direction, impulse=impulse, **push), seed, whole)
+
+
+class MovingPolicy(NominalPolicy):
+    """Moves joints by a function of the time [s] since each robot's own start; the other joints hold the pose."""
+
+    def __init__(self, robot: Robot, motion: Motion, pose: str = "bent"):
+        super().__init__(robot, pose)
+        self.robot = robot
+        self.motion = motion
+        self.steps = np.zeros(64, np.int64)
+
+    def reset(self, ids: np.ndarray) -> None:
+        self.steps[ids] = 0
+
+    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
+        actions = np.zeros((len(ids), self.robot.num_joints))
+        for joint, angle in self.motion(self.steps[ids] * 0.04).items():
+            actions[:, self.robot.joint_names.index(joint)] = angle
+        self.steps[ids] += 1
+        return actions
+
+
+def squat(amplitude: float) -> Motion:
+    """Knees bend up and down once a second, hips and ankles keep torso and soles level."""
+
+    def motion(time: np.ndarray) -> dict[str, np.ndarray]:
+        knee = amplitude * np.sin(2 * np.pi * time)
+        shares = {"knee_pitch": 1.0, "hip_pitch": -0.45, "ankle_pitch": -0.55}
+        return {f"{side}_{joint}": share * knee for side in ("left", "right") for joint, share in shares.items()}
+
+    return motion
+
+
+def lean(angle: float) -> Motion:
+    """The torso leans forward within a second and stays there."""
+    return lambda time: {"torso_pitch": angle * np.minimum(time, 1.0)}
+
+
+class Trace:
+    """What one slot did: (num_ticks, ...) per quantity; to be given to `run_trials` as `on_step`."""
+
+    def __init__(self, *quantities: str):
+        self.steps: dict[str, list[np.ndarray]] = {quantity: [] for quantity in quantities}
+
+    def __call__(self, running: np.ndarray, ticks: Ticks) -> None:
+        for quantity, steps in self.steps.items():
+            steps.append(getattr(ticks, quantity)[0].copy())
+
+    def __getitem__(self, quantity: str) -> np.ndarray:
+        return np.concatenate(self.steps[quantity])
+
+
+def run_one(policy: NominalPolicy, trial: Trial, *quantities: str) -> tuple[Outcome, Trace]:
+    trace = Trace(*quantities)
+    outcomes = run_list(policy, [trial], num_slots=1, num_threads=1, on_step=trace)
+    return outcomes[trial], trace
 
 
 @pytest.fixture(scope="session")
