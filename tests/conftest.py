@@ -8,6 +8,7 @@ from collections.abc import Callable
 # As surefoot.learning does: before any test file loads torch, whose waiting threads would starve the other workers.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -15,8 +16,13 @@ from surefoot.disturbance import Push
 from surefoot.judge import Outcome
 from surefoot.policy import NominalPolicy
 from surefoot.robot import Robot, load_robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
+from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks, sensor_layout
 from surefoot.trials import Trial, run_list
+
+TOTAL_MASS = 137.287494
+"""Of NASA's description [kg]."""
+PUSH = np.array([300.0, -150.0, 80.0])
+"""The force of `plain_steps` [N]."""
 
 Motion = Callable[[np.ndarray], dict[str, np.ndarray]]
 
@@ -90,6 +96,45 @@ def run_one(policy: NominalPolicy, trial: Trial, *quantities: str) -> tuple[Outc
     trace = Trace(*quantities)
     outcomes = run_list(policy, [trial], num_slots=1, num_threads=1, on_step=trace)
     return outcomes[trial], trace
+
+
+def everyone(simulation: Simulation) -> np.ndarray:
+    return np.arange(simulation.num_robots)
+
+
+def stand(robot: Robot, num_robots: int, num_threads: int = 1, pose: str = "bent", **where: object) -> Simulation:
+    simulation = Simulation(robot, num_robots, num_threads)
+    simulation.reset(everyone(simulation), np.tile(robot.pose(pose), (num_robots, 1)), **where)
+    return simulation
+
+
+def hold(robot: Robot, num_robots: int, pose: str = "bent") -> np.ndarray:
+    return np.tile(robot.pose(pose), (num_robots, TICKS_PER_STEP, 1))
+
+
+def plain_steps(robot: Robot, targets: np.ndarray, push: np.ndarray) -> tuple[mujoco.MjModel, mujoco.MjData, Ticks]:
+    """The bent robot from 1 cm above the floor in a loop of mj_step, `push` on its torso: (num_ticks, ...) of one."""
+    model = robot.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = stand(robot, 1, height=0.01).state[0][0]
+    mujoco.mj_forward(model, data)
+    record = np.zeros((1, len(targets), model.nsensordata))
+    for tick, target in enumerate(targets):
+        data.ctrl[:] = target
+        data.xfrc_applied[robot.body_id("torso"), :3] = push
+        mujoco.mj_step(model, data)
+        record[0, tick] = data.sensordata
+    return model, data, Ticks(robot, sensor_layout(model), record)
+
+
+def posed(robot: Robot, model: mujoco.MjModel, height: float = 5.0, **joints: float) -> mujoco.MjData:
+    """The pelvis at `height`, upright, joints at 0 but for the named ones."""
+    data = mujoco.MjData(model)
+    data.qpos[2] = height
+    for name, angle in joints.items():
+        data.qpos[7 + robot.joint_names.index(name)] = angle
+    mujoco.mj_forward(model, data)
+    return data
 
 
 @pytest.fixture(scope="session")
