@@ -42,7 +42,7 @@ class Table:
         for i, column in enumerate(self.columns):
             table.add_column(escape(column), justify="right" if i else "left")
         for row in self.rows:
-            table.add_row(*row)
+            table.add_row(*map(escape, row))
         return table
 
     def markdown(self) -> str:
