@@ -177,9 +177,7 @@ def test_the_scenario_table_has_the_worst_and_the_best_direction_in_their_unit()
 def test_the_median_of_steps_is_that_of_the_worst_directions_threshold() -> None:
     thresholds = found("torso_push", (90.0, 48.0, 60.0, 54.0), trials=3)
     left = thresholds[1].line
-    store: Mapping[Trial, Outcome] = {
-        left.trial(8, seed, True): an_outcome(steps=steps) for seed, steps in enumerate((1, 5, 2))
-    }
+    store = {left.trial(8, seed, True): an_outcome(steps=steps) for seed, steps in enumerate((1, 5, 2))}
     assert tables.median_steps(thresholds, store) == {"torso_push": 2.0}
     assert tables.median_steps(thresholds, {}) == {}
 

@@ -82,7 +82,8 @@ def test_a_first_push_comes_first_and_the_disturbance_begins_with_it(robot: Robo
 def test_a_dropped_robot_begins_in_the_air_without_time_to_settle(robot: Robot) -> None:
     trial = replace(pushed(0.0, 3), drop=Drop(0.3, roll=0.05, pitch=-0.03), horizon=2.0, calm_from=1.0)
     outcome, trace = run_one(NominalPolicy(robot), trial, "foot_contact", "pelvis_uprightness", "com_velocity")
-    assert outcome.seconds <= 2.0
+    # All of the trial counts, from the release on.
+    assert round(outcome.seconds * 500) == len(trace["com_velocity"])
     assert trace["pelvis_uprightness"][0] == pytest.approx(np.cos(0.05) * np.cos(0.03), abs=1e-9)
     # 0.3 m take sqrt(2 * 0.3 / 9.81) = 0.247 s = 124 ticks.
     assert int(trace["foot_contact"].any(axis=1).argmax()) == pytest.approx(124, abs=2)
