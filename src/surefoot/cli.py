@@ -324,7 +324,7 @@ def _scenarios(suite_name: str, num_directions: int) -> list[Scenario]:
     pelvis = Scenario("pelvis_push", directions=num_directions)
     if suite_name == "pelvis":
         return [pelvis]
-    return [pelvis if scenario.name == pelvis.name else scenario for scenario in suite(suite_name)]
+    return [pelvis if scenario == Scenario("pelvis_push") else scenario for scenario in suite(suite_name)]
 
 
 def _read_curves(folder: Path, policy: Any) -> dict[str, list[list[dict[str, float]]]]:

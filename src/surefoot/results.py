@@ -22,7 +22,7 @@ from typing import Any
 import mujoco
 
 import surefoot
-from surefoot import judge, trials
+from surefoot import judge, strategies, trials
 from surefoot.control import Imperfections
 from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
@@ -67,13 +67,25 @@ CREATE TABLE IF NOT EXISTS thresholds (
     UNIQUE (policy, setup, scenario, direction)
 );
 """
+
+
+def _latest(table: str) -> str:
+    """Condition on rows joined with `policies`: of each name the policy and setup that wrote last.
+
+    A policy that was learned anew bears the name of the old one, whose rows are still there.
+    """
+    last = f"SELECT max({table}.rowid) FROM {table} JOIN policies USING (policy) GROUP BY name"
+    return f"(policy, setup) IN (SELECT policy, setup FROM {table} WHERE rowid IN ({last}))"
+
+
 EXPORT_SUFFIXES = (".csv", ".parquet")
 _EXPORTS = {
     "policies": "SELECT * FROM policies",
     "trials": "SELECT name, trials.* FROM trials JOIN policies USING (policy) ORDER BY name, id",
     "thresholds": "SELECT name, thresholds.* FROM thresholds JOIN policies USING (policy) "
-    "ORDER BY name, scenario, angle_rad",
-    "scenarios": "SELECT name, scenarios.* FROM scenarios JOIN policies USING (policy) ORDER BY name, scenario",
+    f"WHERE {_latest('thresholds')} ORDER BY name, scenario, angle_rad",
+    "scenarios": "SELECT name, scenarios.* FROM scenarios JOIN policies USING (policy) "
+    f"WHERE {_latest('scenarios')} ORDER BY name, scenario",
 }
 
 
@@ -96,7 +108,7 @@ class Results:
         path: of the file, or ":memory:".
 
     Raises:
-        UserError: the file is not a results table, or is one of another version; it is left as it is.
+        UserError: the file is not a results table, is damaged, or is one of another version; it is left as it is.
     """
 
     def __init__(self, path: str | Path):
@@ -107,6 +119,9 @@ class Results:
             tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if tables and version != SCHEMA:
                 raise UserError(f"{path} is a results table of version {version}, not {SCHEMA}; give another file")
+            damage = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if damage != "ok":
+                raise UserError(f"cannot use {path} as a results table: {' '.join(damage.split())}")
             self._db.executescript(_TABLES)
             self._db.execute(f"PRAGMA user_version = {SCHEMA}")
             self._db.commit()
@@ -157,8 +172,8 @@ class Results:
     def thresholds_of(self, policy_name: str) -> list[Threshold]:
         """The thresholds of the policy of this name, as they were found."""
         cursor = self._db.execute(
-            "SELECT thresholds.* FROM thresholds JOIN policies USING (policy) WHERE name = ?"
-            " ORDER BY scenario, angle_rad",
+            "SELECT thresholds.* FROM thresholds JOIN policies USING (policy)"
+            f" WHERE name = ? AND {_latest('thresholds')} ORDER BY scenario, angle_rad",
             (policy_name,),
         )
         return [_threshold(values) for values in _as_dicts(cursor)]
@@ -167,7 +182,8 @@ class Results:
         """Outcomes of the scenarios in which nothing is searched, by scenario."""
         found: dict[str, dict[Trial, Outcome]] = {}
         for policy, setup, name, definition, _ in self._db.execute(
-            "SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ?", (policy_name,)
+            f"SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ? AND {_latest('scenarios')}",
+            (policy_name,),
         ).fetchall():
             scenario = from_json(json.loads(definition))
             if not scenario.search:
@@ -280,7 +296,7 @@ def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
 
 def setup_digest(robot: str) -> str:
     """Names what an outcome depends on beside the policy: robot, physics engine, protocol."""
-    rules = {**vars(judge), **vars(trials)}
+    rules = {**vars(strategies), **vars(judge), **vars(trials)}
     protocol = {name: value for name, value in rules.items() if name.isupper() and name != "NUM_SLOTS"}
     text = f"{load_robot(robot).xml}{mujoco.__version__}{sorted(protocol.items())}"
     return hashlib.sha256(text.encode()).hexdigest()

@@ -141,7 +141,7 @@ class _Arena:
         self.robot: Robot = load_robot(contract.robot)
         nominal = np.array(contract.nominal_pose)
         self.loop = ControlLoop(self.robot, num_slots, nominal, contract.action_scale, num_threads, world)
-        self.judge = Judge(self.robot, num_slots)
+        self.judge = Judge(self.robot, num_slots, world.motor_strength)
         self.trial: list[Trial | None] = [None] * num_slots
         self._arms: dict[tuple[str, float], float] = {}
 
