@@ -205,6 +205,8 @@ class Trainer:
         parameters, state = self.folder.load_checkpoint()
         self.model.set_parameters(parameters)  # type: ignore[arg-type]
         self.model.num_timesteps = state["steps"]
+        if isinstance(self.model, OffPolicyAlgorithm):  # its replay buffer was not kept and is filled anew first
+            self.model.learning_starts += state["steps"]
         self.best_score = state["best_score"]
         self._average = [(weight, bias) for weight, bias in state["average"]]
         self._averaged_steps = state["steps"]
