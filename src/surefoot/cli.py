@@ -11,12 +11,13 @@ import tyro
 from surefoot.commands.learning import Train
 from surefoot.commands.showing import Demo, Pictures
 from surefoot.commands.terminal import console
-from surefoot.commands.testing import Bench, Evaluate, Table
+from surefoot.commands.testing import Bench, Evaluate, Replay, Table
 from surefoot.errors import UserError
 
 COMMANDS: dict[str, Callable[..., Any]] = {
     "train": Train,
     "evaluate": Evaluate,
+    "replay": Replay,
     "table": Table,
     "bench": Bench,
     "demo": Demo,

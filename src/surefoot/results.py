@@ -77,6 +77,11 @@ _EXPORTS = {
 }
 
 
+Key = tuple[str, str]
+"""Digests of a policy and of a setup."""
+_OF_POLICY = "name = ? AND (? IS NULL OR policy = ?) AND (? IS NULL OR setup = ?)"
+
+
 @dataclass(frozen=True)
 class Row:
     """A trial as it stands in the table: enough to run it again."""
@@ -154,27 +159,38 @@ class Results:
         """Name -> (digest, contract as JSON) of every policy in the table."""
         return {name: (digest, text) for digest, name, text in self._db.execute("SELECT * FROM policies")}
 
-    def thresholds_of(self, policy_name: str) -> list[Threshold]:
-        """The thresholds of the policy of this name, as they were found."""
+    def thresholds_of(self, policy_name: str, key: Key | None = None) -> list[Threshold]:
+        """The thresholds of the policy of this name, as they were found; `key` tells policies of one name apart."""
         cursor = self._db.execute(
-            "SELECT thresholds.* FROM thresholds JOIN policies USING (policy) WHERE name = ?"
+            f"SELECT thresholds.* FROM thresholds JOIN policies USING (policy) WHERE {_OF_POLICY}"
             " ORDER BY scenario, angle_rad",
-            (policy_name,),
+            _of_policy(policy_name, key),
         )
         return [_threshold(values) for values in _as_dicts(cursor)]
 
-    def fixed_outcomes(self, policy_name: str) -> dict[str, dict[Trial, Outcome]]:
-        """Outcomes of the scenarios in which nothing is searched, by scenario."""
+    def fixed_outcomes(self, policy_name: str, key: Key | None = None) -> dict[str, dict[Trial, Outcome]]:
+        """Outcomes of the scenarios in which nothing is searched, by scenario; `key` as for `thresholds_of`."""
         found: dict[str, dict[Trial, Outcome]] = {}
+        stores: dict[Key, TrialStore] = {}
         for policy, setup, name, definition, _ in self._db.execute(
-            "SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ?", (policy_name,)
+            f"SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE {_OF_POLICY}",
+            _of_policy(policy_name, key),
         ).fetchall():
             scenario = from_json(json.loads(definition))
             if not scenario.search:
-                known = TrialStore(self._db, policy, setup)
+                known = stores.get((policy, setup)) or self.outcomes((policy, setup))
+                stores[policy, setup] = known
                 asked = [trial for line in scenario.lines() for trial in line.fixed_trials()]
                 found[name] = {trial: outcome for trial in asked if (outcome := known.get(trial))}
         return found
+
+    def outcomes(self, key: Key) -> TrialStore:
+        """All outcomes of one policy under one setup."""
+        return TrialStore(self._db, *key)
+
+    def query(self, sql: str, *values: Any) -> list[dict[str, Any]]:
+        """Rows of a SELECT, for reports."""
+        return _as_dicts(self._db.execute(sql, values))
 
     def audit(self, policy: Policy) -> tuple[float, float]:
         """Largest share of a torque and of a speed limit that any of the policy's trials used."""
@@ -253,6 +269,17 @@ class TrialStore:
             self._committed = time.monotonic()
 
 
+def open_results(path: str | Path) -> Results:
+    """A results table that is there already, to read from.
+
+    Raises:
+        UserError: it is not there, or not a results table.
+    """
+    if not Path(path).is_file():
+        raise UserError(f"there is no results table {path}; surefoot evaluate --results writes one")
+    return Results(path)
+
+
 def check_export(path: str | Path) -> None:
     """Raises UserError: the suffix names no format to export to."""
     suffix = Path(path).suffix
@@ -319,6 +346,12 @@ def _unusual(value: Any) -> dict[str, Any]:
         if content != (_NO_DEFAULT if field.default is dataclasses.MISSING else field.default):
             found[field.name] = _unusual(content) if dataclasses.is_dataclass(content) else content
     return found
+
+
+def _of_policy(name: str, key: Key | None) -> tuple[str | None, ...]:
+    """Values for `_OF_POLICY`."""
+    policy, setup = key or (None, None)
+    return name, policy, policy, setup, setup
 
 
 def _definition(scenario: Scenario) -> str:

@@ -71,7 +71,7 @@ def record(policy: Policy, trial: Trial, fps: int = 50) -> Recording:
     if fps not in valid:
         raise UserError(f"cannot record {fps} frames per second; valid: {', '.join(map(str, valid))}")
     recorder = _Recorder(trial, CONTROL_HZ // fps)
-    run_trials(policy, recorder, num_slots=1, num_threads=1, on_step=recorder.watch)
+    run_trials(policy, recorder, num_slots=1, num_threads=1, on_step=recorder.watch, world=trial.world)
     return Recording(
         policy.name, load_robot(policy.contract.robot), trial, recorder.outcome, fps, recorder.timed_moments()
     )

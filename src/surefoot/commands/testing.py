@@ -1,4 +1,4 @@
-"""Commands that test: evaluate, table, bench."""
+"""Commands that test: evaluate, replay, table, bench."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from surefoot.commands.terminal import check_positive, console, evaluation_bar, 
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
+    from surefoot.policy import Policy
     from surefoot.scenarios import Scenario
+    from surefoot.trials import Trial
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,59 @@ class Evaluate:
                 results.export("trials", self.export)
         if self.json:
             write_json(figures, self.json)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Run one trial of a results table again, bit for bit, and compare its outcome with the stored one.
+
+    Exit code 1 if anything differs. The same bits are promised on the same kind of machine: another processor may
+    round otherwise.
+    """
+
+    results: Annotated[Path, tyro.conf.Positional]
+    """Results table (SQLite) of `surefoot evaluate`."""
+    row: Annotated[int, tyro.conf.Positional]
+    """Column `id` of its table `trials`; `surefoot evaluate --export` writes it out."""
+    policy: str | None = None
+    """A shipped policy, a policy file or a run folder; without it, the policy is looked for by its digest among the
+    shipped ones and in runs/."""
+    video: Path | None = None
+    """Film of the trial, .mp4 or .gif."""
+    picture: Path | None = None
+    """Film strip of the trial, .png or .jpg."""
+
+    def main(self) -> None:
+        from surefoot import replay
+        from surefoot.results import open_results
+
+        with open_results(self.results) as results:
+            row = results.row(self.row)
+        policy = replay.find_policy(row.policy_name, row.policy, self.policy)
+        replay.check_setup(row.setup, policy.contract.robot, f"row {self.row} of {self.results}")
+        outcome = replay.replay(row, policy)
+        found = replay.differences(row.outcome, outcome)
+        output = Console(soft_wrap=True, highlight=False, markup=False)
+        output.print(f"{row.policy_name}, {row.scenario}, row {self.row}: {outcome.reason}, {outcome.seconds:.2f} s")
+        for name, old, new in found:
+            output.print(f"  {name}: stored {old}, now {new}")
+        output.print("different" if found else "identical")
+        self._show(policy, row.trial, output)
+        if found:
+            sys.exit(1)
+
+    def _show(self, policy: Policy, trial: Trial, output: Console) -> None:
+        if not (self.video or self.picture):
+            return
+        from surefoot import video
+
+        recording = video.record(policy, trial)
+        if self.video:
+            video.save_video(self.video, recording)
+            output.print(f"video: {self.video}")
+        if self.picture:
+            video.save_picture(self.picture, video.filmstrip([recording]))
+            output.print(f"picture: {self.picture}")
 
 
 @dataclass(frozen=True)
@@ -109,7 +164,7 @@ def evaluate_policy(
     from surefoot import figures, tables
     from surefoot.evaluation import run_scenarios
     from surefoot.policy import NominalPolicy, load_policy
-    from surefoot.results import Results
+    from surefoot.results import Results, setup_digest
     from surefoot.robot import load_robot
 
     policy = NominalPolicy() if name == "nominal" else load_policy(name)
@@ -124,7 +179,7 @@ def evaluate_policy(
         results.add_scenarios(policy, scenarios, wall_s)
         if export:
             results.export("thresholds", export)
-        fixed = results.fixed_outcomes(policy.name)
+        fixed = results.fixed_outcomes(policy.name, (policy.digest, setup_digest(policy.contract.robot)))
         found = figures.flat_figures(thresholds, fixed, results.audit(policy), robot, pose, wall_s)
     steps = tables.median_steps(thresholds, store)
     for table in tables.all_tables(policy, thresholds, fixed, steps, robot):
