@@ -9,7 +9,7 @@ from typing import Any
 import tyro
 
 from surefoot.commands.learning import Train
-from surefoot.commands.showing import Demo, Pictures
+from surefoot.commands.showing import Demo, Pictures, Report
 from surefoot.commands.terminal import console
 from surefoot.commands.testing import Bench, Evaluate, Replay, Table
 from surefoot.errors import UserError
@@ -18,6 +18,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "train": Train,
     "evaluate": Evaluate,
     "replay": Replay,
+    "report": Report,
     "table": Table,
     "bench": Bench,
     "demo": Demo,

@@ -278,8 +278,11 @@ def _draw_bar(
         axes.plot(span, (place, place), color=INK, lw=1.6, marker="|", ms=9, mew=1.6)
         end = max(value, span[1])
     weight, ink = ("bold", INK) if filled else ("normal", GREY)
-    axes.annotate(f"{value:g}", (end, place), (7, 0), textcoords="offset points", va="center", weight=weight, color=ink)
+    axes.annotate(
+        f"{value:.0f}", (end, place), (7, 0), textcoords="offset points", va="center", weight=weight, color=ink
+    )
 
 
 def counted(number: int, noun: str) -> str:
+    """A number of things: "1 seed", "7 seeds"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -1,20 +1,59 @@
-"""Commands that show: demo, pictures."""
+"""Commands that show: report, pictures, demo."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
+import tyro
 from rich.console import Console
 
 from surefoot.commands.learning import Train
-from surefoot.commands.terminal import console
+from surefoot.commands.terminal import console, write_text
 from surefoot.commands.testing import chosen_scenarios, evaluate_policy
 from surefoot.errors import UserError
 
 DEMO_MARK = ".surefoot-demo"
 """An empty file by which a demo knows a folder as its own."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """Make one HTML page of results tables, with every table and figure of the paper.
+
+    It reads results. Only the few single trials that it draws (motion, footprints, film strips: six a policy) are run
+    again; that needs the policies, and OpenGL for the film strips. What is missing is left out with a note.
+    """
+
+    results: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Results tables (SQLite) of `surefoot evaluate`; all their policies are set side by side."""
+    out: Path = Path("report.html")
+    """The page."""
+    markdown: Path | None = None
+    """Write the tables to this file too, as Markdown."""
+    curves: Path | None = None
+    """Folder with learning curves: run folders, or ALGORITHM-SEED.csv as in results/curves."""
+    policies: tuple[str, ...] = ()
+    """Policy files and run folders that are neither shipped nor in runs/."""
+    trials: bool = True
+    """Run the trials again that are drawn."""
+
+    def main(self) -> None:
+        from surefoot.curve import read_curves
+        from surefoot.report.page import make_report
+
+        curves = read_curves(self.curves) if self.curves else {}
+        with console.status("reading") as status:
+            report = make_report(self.results, curves, self.policies, self.trials, status.update)
+        write_text(self.out, report.html())
+        for section in report.sections:
+            for note in section.notes:
+                console.print(f"{section.name}: {note}", markup=False, soft_wrap=True)
+        console.print(f"page: {self.out}, {self.out.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
+        if self.markdown:
+            write_text(self.markdown, report.markdown())
+            console.print(f"tables: {self.markdown}", soft_wrap=True)
 
 
 @dataclass(frozen=True)
@@ -57,6 +96,7 @@ class Pictures:
 
     def main(self) -> None:
         from surefoot import pictures, plots
+        from surefoot.curve import read_curves
         from surefoot.policy import load_policy
         from surefoot.results import read_thresholds
 
@@ -67,22 +107,10 @@ class Pictures:
         with console.status("drawing pictures"):
             drawn = pictures.draw_thresholds(policies, policy.robot, self.out)
             drawn.append(self.out / "curves.png")
-            plots.learning_curves(read_curves(self.curves, policy), drawn[-1])
+            plots.learning_curves(read_curves(self.curves), drawn[-1])
             try:
                 drawn.append(pictures.draw_strip(policy, policies[policy.name], self.out / "strip.png"))
             except UserError as error:  # a machine without OpenGL still gets the plots
                 console.print(f"no film strip: {error}", markup=False, soft_wrap=True)
         for picture in drawn:
             console.print(f"picture: {picture}")
-
-
-def read_curves(folder: Path, policy: Any) -> dict[str, list[list[dict[str, float]]]]:
-    from surefoot.curve import read_curve
-
-    single = folder / "curve.csv"
-    if single.exists():
-        return {policy.contract.training["algorithm"]: [read_curve(single)]}
-    found: dict[str, list[list[dict[str, float]]]] = {}
-    for file in sorted(folder.glob("*.csv")):
-        found.setdefault(file.stem.split("-")[0], []).append(read_curve(file))
-    return found

@@ -76,8 +76,13 @@ def write_json(figures: dict[str, float], path: str) -> None:
     if path == "-":
         sys.stdout.write(text)
         return
+    write_text(Path(path), text)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Raises UserError: the file cannot be written."""
     try:
-        Path(path).write_text(text)
+        path.write_text(text)
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}") from error
 

@@ -137,18 +137,22 @@ def robustness_table(thresholds: Sequence[Threshold]) -> Table:
 
 def audit_table(evaluation: Evaluation) -> Table:
     """Legality audit: every trial of every scenario, how it ended and what it used of the limits."""
+    counts = ("trials", "recovered", "fell", "restless", "tilted", "diverged")
+    shares = ("torque_recovered", "speed_recovered", "torque", "speed")
     rows = [
         [
             _words(row["scenario"]),
-            *(f"{row[key]:d}" for key in ("trials", "recovered", "fell", "restless", "tilted", "diverged")),
-            *(f"{row[key]:.3f}" for key in ("torque", "speed")),
+            *(str(row[key]) for key in counts),
+            *("" if row[key] is None else f"{row[key]:.2f}" for key in shares),
         ]
         for row in evaluation.audit
     ]
-    columns = ["scenario", "trials", "recovered", "fell", "restless", "tilted", "diverged", "torque", "speed"]
+    columns = ["scenario", *counts, "torque", "speed", "torque, all", "speed, all"]
     note = (
         "Every trial that was run, most of them near the limit of what is recovered; one that two scenarios share is"
-        " counted at the first. Torque and speed: largest share of a joint's limit that any trial used, falls included."
+        " counted at the first. Torque and speed: largest share of a joint's limit that a recovered trial used, and"
+        " that any trial used, falls included. No torque exceeds its limit; a speed may where the outside drives a joint,"
+        " since at its speed limit a motor only stops pushing."
     )
     return Table("Legality audit", columns, rows, note)
 
@@ -174,6 +178,8 @@ def versions_table(evaluations: Sequence[Evaluation]) -> Table:
 
 
 def _interval(threshold: Threshold) -> list[str]:
+    if not threshold.trials:  # not even the smallest cell holds
+        return ["", ""]
     return [f"{threshold.recovered}/{threshold.trials}", f"{threshold.low:.2f} to {threshold.high:.2f}"]
 
 

@@ -14,7 +14,7 @@ from surefoot.judge import Outcome
 from surefoot.policy import Contract
 from surefoot.results import Key, Results, TrialStore, open_results
 from surefoot.robot import Robot, load_robot
-from surefoot.scenarios import SINGLE, Line
+from surefoot.scenarios import PAPER, ROBUSTNESS, SINGLE, Line
 from surefoot.tables import Fixed
 from surefoot.trials import Trial
 
@@ -121,8 +121,8 @@ def _keys(results: Results) -> list[tuple[str, str, str, str]]:
 
 def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Evaluation:
     (stored_name,) = results.query("SELECT name FROM policies WHERE policy = ?", key[0])
-    thresholds = results.thresholds_of(stored_name["name"], key)
-    fixed = results.fixed_outcomes(stored_name["name"], key)
+    thresholds = sorted(results.thresholds_of(stored_name["name"], key), key=lambda t: _place(t.line.scenario.name))
+    fixed = dict(sorted(results.fixed_outcomes(stored_name["name"], key).items(), key=lambda item: _place(item[0])))
     store = results.outcomes(key)
     versions = results.query("SELECT DISTINCT surefoot, mujoco FROM trials WHERE policy = ? AND setup = ?", *key)
     (wall,) = results.query(
@@ -138,7 +138,7 @@ def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Ev
         steps=tables.median_steps(thresholds, store),
         cells={t.line: _cells(t.line, store) for t in tables.pelvis_pushes(thresholds).values()},
         cases=_cases(thresholds, fixed, store),
-        audit=results.query(_AUDIT, *key),
+        audit=sorted(results.query(_AUDIT, *key), key=lambda row: _place(row["scenario"])),
         versions=", ".join(f"surefoot {row['surefoot']}, MuJoCo {row['mujoco']}" for row in versions),
         wall_s=wall["seconds"],
     )
@@ -147,9 +147,19 @@ def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Ev
 _AUDIT = """
 SELECT scenario, count(*) AS trials, sum(reason = 'recovered') AS recovered, sum(reason = 'fell') AS fell,
     sum(reason = 'restless') AS restless, sum(reason = 'tilted') AS tilted, sum(reason = 'diverged') AS diverged,
-    max(torque_ratio) AS torque, max(speed_ratio) AS speed
+    max(torque_ratio) AS torque, max(speed_ratio) AS speed,
+    max(CASE reason WHEN 'recovered' THEN torque_ratio END) AS torque_recovered,
+    max(CASE reason WHEN 'recovered' THEN speed_ratio END) AS speed_recovered
 FROM trials WHERE policy = ? AND setup = ? GROUP BY scenario ORDER BY min(id)
 """
+
+
+_ORDER = [scenario.name for scenario in (*PAPER, *ROBUSTNESS)]
+
+
+def _place(scenario: str) -> int:
+    """Scenarios stand in the order of the suites, others after them."""
+    return _ORDER.index(scenario) if scenario in _ORDER else len(_ORDER)
 
 
 def _cells(line: Line, store: TrialStore) -> list[Cell]:

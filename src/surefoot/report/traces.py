@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.ndimage import binary_closing
 
 from surefoot.judge import Outcome
 from surefoot.policy import Policy
-from surefoot.robot import Robot, load_robot
+from surefoot.robot import FLOOR, Robot, load_robot
 from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP, Simulation, Ticks, roll_pitch
-from surefoot.strategies import LOADED_FORCE, Strategies, StrategyWatch
+from surefoot.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
 from surefoot.trials import Trial, TrialSource, draws, run_trials
 
 STRIDE = 10
@@ -51,16 +52,17 @@ class Trace:
         """Roll and pitch: (2, num_ticks) [deg]."""
         return np.degrees(self.ticks.pelvis_attitude[:, 0])
 
-    @property
+    @cached_property
     def foot_loaded(self) -> np.ndarray:
-        """Does the foot carry load? bool (num_ticks, 2): left, right."""
-        return self.ticks.foot_force[0] > LOADED_FORCE
+        """Does the foot carry load, but for chatter? bool (num_ticks, 2): left, right."""
+        loaded = self.ticks.foot_force[0] > LOADED_FORCE
+        gap = np.ones((round(DEBOUNCE_S / CONTROL_DT) + 1, 1))
+        return loaded | binary_closing(loaded, gap)
 
     @property
     def sole_height(self) -> np.ndarray:
-        """Height of the soles' centres above where they stood at the disturbance: (num_ticks, 2) [m]."""
-        height = self.ticks.sole_position[0, ..., 2]
-        return height - height[self.begin]
+        """Height of the soles' centres above a flat floor: (num_ticks, 2) [m]."""
+        return self.ticks.sole_position[0, ..., 2] - self.ticks.robot.model().geom(FLOOR).pos[2]
 
     @property
     def foot_attitude_deg(self) -> np.ndarray:
