@@ -8,7 +8,7 @@ from typing import Any
 
 import tyro
 
-from surefoot.commands.learning import Train
+from surefoot.commands.learning import Reproduce, Train
 from surefoot.commands.showing import Demo, Pictures, Report
 from surefoot.commands.terminal import console
 from surefoot.commands.testing import Bench, Evaluate, Replay, Table
@@ -22,6 +22,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "table": Table,
     "bench": Bench,
     "demo": Demo,
+    "reproduce": Reproduce,
     "pictures": Pictures,
 }
 

@@ -88,6 +88,9 @@ def write_text(path: Path, text: str) -> None:
 
 
 def clock(seconds: float) -> str:
+    """Minutes and seconds, from an hour on hours and minutes: "4:05", "1 h 20"."""
+    if seconds >= 3600.0:
+        return f"{int(seconds // 3600)} h {int(seconds % 3600 // 60):02d}"
     return f"{int(seconds // 60)}:{int(seconds % 60):02d}"
 
 

@@ -151,8 +151,8 @@ def audit_table(evaluation: Evaluation) -> Table:
     note = (
         "Every trial that was run, most of them near the limit of what is recovered; one that two scenarios share is"
         " counted at the first. Torque and speed: largest share of a joint's limit that a recovered trial used, and"
-        " that any trial used, falls included. No torque exceeds its limit; a speed may where the outside drives a joint,"
-        " since at its speed limit a motor only stops pushing."
+        " that any trial used, falls included. No torque exceeds its limit; a speed may where the outside drives a"
+        " joint, since at its speed limit a motor only stops pushing."
     )
     return Table("Legality audit", columns, rows, note)
 

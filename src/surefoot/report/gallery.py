@@ -25,6 +25,7 @@ from surefoot.report import drawings
 from surefoot.report.read import LARGEST, SHANK, Evaluation
 from surefoot.report.traces import STRIDE, Trace, run_traces
 from surefoot.scenarios import SINGLE
+from surefoot.trials import Trial
 
 Curves = Mapping[str, Sequence[Sequence[Mapping[str, float]]]]
 """Learning curves: algorithm -> runs -> points, as `surefoot.curve.read_curves` gives them."""
@@ -95,7 +96,7 @@ def policy_figures(evaluation: Evaluation, policy: Policy | None) -> tuple[list[
     if SHANK in traces:
         found.append(_support_foot(evaluation, traces[SHANK]))
     try:
-        found.append(_film_strip(evaluation, policy))
+        found.append(_film_strip(evaluation, traces))
     except UserError as error:
         notes.append(f"No film strip: {error}.")
     return found, notes
@@ -221,14 +222,15 @@ def _support_foot(e: Evaluation, trace: Trace) -> Figure:
 _FEET = ("left", "right")
 
 
-def _film_strip(e: Evaluation, policy: Policy) -> Figure:
-    names = [name for name in (*SINGLE, LARGEST, SHANK) if name in e.cases]
-    if e.cases.get(LARGEST) and any(e.cases[LARGEST].trial == e.cases[name].trial for name in names if name in SINGLE):
-        names.remove(LARGEST)
-    strip = video.filmstrip([video.record(policy, e.cases[name].trial) for name in names])
+def _film_strip(e: Evaluation, traces: Mapping[str, Trace]) -> Figure:
+    shown: dict[Trial, str] = {}
+    for name in (*SINGLE, LARGEST, SHANK):
+        if name in traces:  # the largest sagittal push may be one of the paper's
+            shown.setdefault(traces[name].trial, name)
+    strip = video.filmstrip([traces[name].recording(e.name) for name in shown.values()])
     rows = [
         [name, video.push_words(c.trial.push), c.trial.seed, c.outcome.reason, c.outcome.seconds, c.outcome.steps]
-        for name, c in ((name, e.cases[name]) for name in names)
+        for name, c in ((name, e.cases[name]) for name in shown.values())
     ]
     return Figure(
         "film",

@@ -12,9 +12,11 @@ from scipy.ndimage import binary_closing
 from surefoot.judge import Outcome
 from surefoot.policy import Policy
 from surefoot.robot import FLOOR, Robot, load_robot
+from surefoot.scene import Moment
 from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP, Simulation, Ticks, roll_pitch
 from surefoot.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
 from surefoot.trials import Trial, TrialSource, draws, run_trials
+from surefoot.video import Recording
 
 STRIDE = 10
 """Curves show every tenth tick: 50 Hz."""
@@ -82,6 +84,13 @@ class Trace:
     def part(self, ticks: slice) -> Ticks:
         """Some of the ticks."""
         return Ticks(self.ticks.robot, self.layout, self.ticks.record[:, ticks])
+
+    def recording(self, policy_name: str) -> Recording:
+        """As `surefoot.video` draws it."""
+        ticks = range(self.begin % STRIDE, len(self.time), STRIDE)
+        moments = (Moment.of(self.ticks, tick=tick, time=float(self.time[tick])) for tick in ticks)
+        fps = CONTROL_HZ // STRIDE
+        return Recording(policy_name, self.ticks.robot, self.trial, self.outcome, fps, tuple(moments))
 
 
 def run_traces(policy: Policy, trials: Mapping[str, Trial]) -> dict[str, Trace]:
