@@ -11,38 +11,42 @@ from pathlib import Path
 import pytest
 
 from surefoot import reproduce
+from surefoot.curve import read_curve
 from surefoot.errors import UserError
 from surefoot.learning.train import Progress
 from surefoot.reproduce import Study
 from surefoot.scenarios import Scenario
 
-SECONDS = 4.0
 SCENARIOS = (Scenario("quick", search="", directions=2, impulse=12.0, trials=1, horizon=2.0, calm_from=0.0),)
 
 
 def study(out: Path, **changes) -> Study:
     """One short training, and an evaluation of two trials."""
-    short = Study(out, 1, SECONDS / 60.0, "gentle", ("ppo",), SCENARIOS)
+    short = Study(out, 1, 5.0, "gentle", ("ppo",), SCENARIOS)
     return replace(short, **changes)
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """A study that was interrupted in its training, and went on."""
-    whole = study(tmp_path_factory.mktemp("study"))
-    (run,) = whole.runs()
+    out = tmp_path_factory.mktemp("study")
+    first_sitting: list[float] = []
 
     def interrupt(progress: Progress) -> None:
+        first_sitting.append(progress.seconds)
         os.kill(os.getpid(), signal.SIGINT)
 
+    (run,) = study(out, minutes=5.0).runs()
     with pytest.raises(KeyboardInterrupt):
         reproduce.train_run(run, interrupt)
     assert not run.is_trained
     assert (run.folder / "checkpoint.npz").exists()
-    seen: list[float] = []
-    reproduce.train_run(run, lambda progress: seen.append(progress.seconds))
-    # It went on after the two seconds of the first sitting, in the same folder.
-    assert all(seconds > 2.0 for seconds in seen)
+    whole = study(out, minutes=(first_sitting[0] + 2.0) / 60.0)
+    (run,) = whole.runs()
+    reproduce.train_run(run)
+    curve = read_curve(run.folder / "curve.csv")
+    assert curve[-1]["minutes"] >= run.config.minutes - 1e-3
+    assert curve[-1]["minutes"] < run.config.minutes + 1.0
     reproduce.evaluate_run(run)
     return whole
 
