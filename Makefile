@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install check test demo quick-demo bench results results-tables clean
+.PHONY: help install check test demo quick-demo bench results results-tables screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
@@ -51,7 +51,13 @@ results-tables: $(READY)
 	    $(BIN)/surefoot evaluate $$p --directions 16 --results runs/results.sqlite \
 	        --export results/trials.parquet --export-thresholds results/thresholds.csv || exit 1; done
 	$(BIN)/surefoot pictures --policy trpo
+	$(MAKE) screenshots
 	$(BIN)/surefoot bench --json results/bench.json
+
+# What docs/play.md and the README show of the live page; needs chromium.
+screenshots: $(READY)
+	$(BIN)/python docs/screenshots.py
+	$(BIN)/surefoot video trpo --out docs/pictures/push.gif --impulse 168 --begin -0.3 --end 2.6 --size 480 360 --fps 12.5
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache

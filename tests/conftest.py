@@ -1,4 +1,4 @@
-"""What several test files need: the robot, a robot at rest, and ticks with some of their quantities replaced."""
+"""What several test files need: the robot, one at rest, altered ticks, policies that move, and made-up outcomes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,133 @@ from collections.abc import Callable
 # As surefoot.learning does: before any test file loads torch, whose waiting threads would starve the other workers.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+import mujoco
 import numpy as np
 import pytest
 
+from surefoot.disturbance import Push
+from surefoot.judge import Outcome
+from surefoot.policy import NominalPolicy
 from surefoot.robot import Robot, load_robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
+from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks, sensor_layout
+from surefoot.trials import Trial, run_list
+
+TOTAL_MASS = 137.287494
+"""Of NASA's description [kg]."""
+PUSH = np.array([300.0, -150.0, 80.0])
+"""The force of `plain_steps` [N]."""
+
+Motion = Callable[[np.ndarray], dict[str, np.ndarray]]
+
+
+def an_outcome(**changes: object) -> Outcome:
+    """An outcome of a trial that recovered at its horizon, but for what is changed; six joint groups."""
+    values = {
+        "recovered": True, "reason": "recovered", "seconds": 10.0, "foot_shift": 0.0, "com_speed": 0.01,
+        "pelvis_tilt": 0.1, "ankle": False, "hip": False, "foot_tilt": False, "steps": 0, "calm_drift": 0.001,
+        "calm_power": 2.0, "calm_steps": 0.0, "torque_ratio": 0.5, "speed_ratio": 0.25, "torque_peaks": (10.0,) * 6,
+        "speed_peaks": (1.0,) * 6, "saturated_s": (0.0,) * 6,
+    }  # fmt: skip
+    return Outcome(**(values | changes))
+
+
+def pushed(impulse: float, seed: int, direction: tuple = (1.0, 0.0, 0.0), whole: bool = True, **push: object) -> Trial:
+    return Trial(Push(direction=direction, impulse=impulse, **push), seed, whole)
+
+
+class MovingPolicy(NominalPolicy):
+    """Moves joints by a function of the time [s] since each robot's own start; the other joints hold the pose."""
+
+    def __init__(self, robot: Robot, motion: Motion, pose: str = "bent"):
+        super().__init__(robot, pose)
+        self.robot = robot
+        self.motion = motion
+        self.steps = np.zeros(64, np.int64)
+
+    def reset(self, ids: np.ndarray) -> None:
+        self.steps[ids] = 0
+
+    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
+        actions = np.zeros((len(ids), self.robot.num_joints))
+        for joint, angle in self.motion(self.steps[ids] * 0.04).items():
+            actions[:, self.robot.joint_names.index(joint)] = angle
+        self.steps[ids] += 1
+        return actions
+
+
+def squat(amplitude: float) -> Motion:
+    """Knees bend up and down once a second, hips and ankles keep torso and soles level."""
+
+    def motion(time: np.ndarray) -> dict[str, np.ndarray]:
+        knee = amplitude * np.sin(2 * np.pi * time)
+        shares = {"knee_pitch": 1.0, "hip_pitch": -0.45, "ankle_pitch": -0.55}
+        return {f"{side}_{joint}": share * knee for side in ("left", "right") for joint, share in shares.items()}
+
+    return motion
+
+
+def lean(angle: float) -> Motion:
+    """The torso leans forward within a second and stays there."""
+    return lambda time: {"torso_pitch": angle * np.minimum(time, 1.0)}
+
+
+class Trace:
+    """What one slot did: (num_ticks, ...) per quantity; to be given to `run_trials` as `on_step`."""
+
+    def __init__(self, *quantities: str):
+        self.steps: dict[str, list[np.ndarray]] = {quantity: [] for quantity in quantities}
+
+    def __call__(self, running: np.ndarray, ticks: Ticks) -> None:
+        for quantity, steps in self.steps.items():
+            steps.append(getattr(ticks, quantity)[0].copy())
+
+    def __getitem__(self, quantity: str) -> np.ndarray:
+        return np.concatenate(self.steps[quantity])
+
+
+def run_one(policy: NominalPolicy, trial: Trial, *quantities: str) -> tuple[Outcome, Trace]:
+    trace = Trace(*quantities)
+    outcomes = run_list(policy, [trial], num_slots=1, num_threads=1, on_step=trace)
+    return outcomes[trial], trace
+
+
+def everyone(simulation: Simulation) -> np.ndarray:
+    return np.arange(simulation.num_robots)
+
+
+def stand(robot: Robot, num_robots: int, num_threads: int = 1, pose: str = "bent", **where: object) -> Simulation:
+    simulation = Simulation(robot, num_robots, num_threads)
+    simulation.reset(everyone(simulation), np.tile(robot.pose(pose), (num_robots, 1)), **where)
+    return simulation
+
+
+def hold(robot: Robot, num_robots: int, pose: str = "bent") -> np.ndarray:
+    return np.tile(robot.pose(pose), (num_robots, TICKS_PER_STEP, 1))
+
+
+def plain_steps(robot: Robot, targets: np.ndarray, push: np.ndarray) -> tuple[mujoco.MjModel, mujoco.MjData, Ticks]:
+    """The bent robot from 1 cm above the floor in a loop of mj_step, `push` on its torso: (num_ticks, ...) of one."""
+    model = robot.model()
+    data = mujoco.MjData(model)
+    data.qpos[:] = stand(robot, 1, height=0.01).state[0][0]
+    mujoco.mj_forward(model, data)
+    record = np.zeros((1, len(targets), model.nsensordata))
+    for tick, target in enumerate(targets):
+        data.ctrl[:] = target
+        data.xfrc_applied[robot.body_id("torso"), :3] = push
+        mujoco.mj_step(model, data)
+        record[0, tick] = data.sensordata
+    return model, data, Ticks(robot, sensor_layout(model), record)
+
+
+def posed(robot: Robot, model: mujoco.MjModel, height: float = 5.0, **joints: float) -> mujoco.MjData:
+    """The pelvis at `height`, upright, joints at 0 but for the named ones."""
+    data = mujoco.MjData(model)
+    data.qpos[2] = height
+    for name, angle in joints.items():
+        data.qpos[7 + robot.joint_names.index(name)] = angle
+    mujoco.mj_forward(model, data)
+    return data
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 """The commands as a user meets them: subprocesses, exit codes, one-line errors, JSON on standard output."""
 
+import csv
 import json
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot.cli import COMMANDS
+from surefoot.cli import COMMANDS, _scenarios
 from surefoot.policy import Contract, network_bytes, shipped_policies
 from surefoot.robot import load_robot
 
@@ -47,6 +48,33 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
             "surefoot: unknown format '.xls' of t.xls; valid: .csv, .parquet",
         ),
         (["evaluate", "other.onnx"], "surefoot: unknown robot 'atlas'; valid: valkyrie"),
+        (["play", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
+        (["play", "--robots", "65", "--port", "0"], "surefoot: the number of robots must be 1 to 64, not 65"),
+        (["video", "--out", "film.avi"], "surefoot: cannot write 'film.avi': unknown suffix '.avi'; valid: .mp4, .gif"),
+        (
+            ["video", "--out", "film.mp4", "--size", "321", "240"],
+            "surefoot: an .mp4 cannot have 321 x 240 pixels; valid: even numbers",
+        ),
+        (["video", "--impulse", "-3"], "surefoot: impulse must be a positive number, not -3.0"),
+        (
+            ["picture", "--direction", "up"],
+            "surefoot: unknown direction 'up'; valid: forward, left, backward, right, degrees",
+        ),
+        (["picture", "--duration", "nan"], "surefoot: duration must be a positive number, not nan"),
+        (
+            ["picture", "--body", "nose"],
+            "surefoot: unknown body 'nose' of valkyrie; valid: pelvis, torso, left_thigh, right_thigh, left_shank, "
+            "right_shank",
+        ),
+        (
+            ["evaluate", "nominal", "--suite", "papr"],
+            "surefoot: unknown suite 'papr'; valid: paper, robustness, or a scenario file (.toml)",
+        ),
+        (
+            ["evaluate", "nominal", "--suite", "knee.toml"],
+            "surefoot: knee.toml, scenario 1 (kick): unknown body 'knee' of valkyrie; "
+            "valid: pelvis, torso, left_thigh, right_thigh, left_shank, right_shank",
+        ),
         (["bench", "--seconds", "inf"], "surefoot: seconds must be a positive number, not inf"),
     ],
 )
@@ -54,6 +82,7 @@ def test_bad_input_gets_one_clear_line_and_exit_code_2(arguments: list[str], mes
     (tmp_path / "bad.onnx").write_bytes(b"\x08\x07 this is no network")
     (tmp_path / "empty").mkdir()
     (tmp_path / "other.onnx").write_bytes(policy_of_another_robot())
+    (tmp_path / "knee.toml").write_text('[[scenario]]\nname = "kick"\nbody = "knee"\n')
     done = surefoot(*arguments, cwd=tmp_path)
     assert (done.returncode, done.stderr.strip(), done.stdout) == (2, message, "")
 
@@ -80,6 +109,37 @@ def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard
     # The four-direction table has whole trials at each threshold and the trials of every smaller cell.
     num_rows = len((tmp_path / "trials.csv").read_text().splitlines()) - 1
     assert num_rows >= sum(8 * (impulse / 6.0 - 1) + 40 for impulse in four)
+
+
+def test_directions_are_those_of_the_pelvis_pushes_and_a_files_own_stay_as_they_stand(tmp_path: Path) -> None:
+    (paper,) = (scenario for scenario in _scenarios("paper", 16) if scenario.name == "pelvis_push")
+    assert paper.directions == 16
+    assert [scenario.directions for scenario in _scenarios("pelvis", 8)] == [8]
+    (tmp_path / "s.toml").write_text('[[scenario]]\nname = "pelvis_push"\nlatency = 0.02\n')
+    (own,) = _scenarios(str(tmp_path / "s.toml"), 16)
+    assert (own.latency, own.directions) == (0.02, 4)
+
+
+def test_a_scenario_file_is_evaluated(tmp_path: Path) -> None:
+    text = """
+        [[scenario]]
+        name = "shove"
+        search = ""
+        directions = ["left", 30]
+        impulse = 300
+        trials = 2
+        horizon = 3
+        calm_from = 1
+    """
+    (tmp_path / "mine.toml").write_text(text)
+    arguments = ("evaluate", "nominal", "--suite", "mine.toml", "--json", "figures.json", "--export", "trials.csv")
+    done = surefoot(*arguments, cwd=tmp_path)
+    assert (done.returncode, done.stderr.count("Traceback")) == (0, 0)
+    with (tmp_path / "trials.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert {(row["scenario"], row["impulse_Ns"], row["reason"]) for row in rows} == {("shove", "300", "fell")}
+    assert sorted(float(row["angle_deg"]) for row in rows) == pytest.approx([30, 30, 90, 90])
+    assert json.loads((tmp_path / "figures.json").read_text())["audit.worst_torque_ratio"] == 1.0
 
 
 def test_a_results_file_that_is_something_else_is_refused(tmp_path: Path) -> None:

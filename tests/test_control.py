@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import butter, lfilter, lfilter_zi
 
 from surefoot import observation
-from surefoot.control import ControlLoop
+from surefoot.control import PERFECT, ControlLoop, Imperfections
 from surefoot.errors import UserError
 from surefoot.robot import Robot
 from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
@@ -161,6 +161,147 @@ def test_the_loop_moves_the_robot_as_the_simulation_alone_does(robot: Robot) -> 
     for _ in range(5):
         record = loop.step(np.zeros((1, 11))).record.copy()
         np.testing.assert_array_equal(record, simulation.step(np.zeros((1, TICKS_PER_STEP, 11))).record)
+
+
+def test_a_first_push_and_another_add_up_and_reset_cancels_both(robot: Robot) -> None:
+    loop = make_loop(robot, 2)
+    loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=5.0)
+    pelvis, torso = (np.full(2, robot.body_id(body)) for body in ("pelvis", "torso"))
+    for pushes, body, impulse, start in (
+        (loop.first_pushes, pelvis, [24.0, 0.0, 0.0], 5),
+        (loop.pushes, torso, [0.0, -12.0, 0.0], 45),
+    ):
+        pushes.schedule(np.arange(2), body, np.tile(impulse, (2, 1)), np.array([start, start]), 0.12)
+    loop.step(np.zeros((2, 11)))
+    loop.reset(np.array([1]), robot.pose("bent")[None], height=5.0)
+    for _ in range(6):
+        ticks = loop.step(np.zeros((2, 11)))
+    momentum = 137.2875 * ticks.com_velocity[:, -1, :2]
+    np.testing.assert_allclose(momentum, [[24.0, -12.0], [0.0, 0.0]], atol=0.02)
+
+
+# Imperfections.
+
+
+def spoiled_loop(robot: Robot, imperfections: Imperfections, seed: int = 3, **options: float) -> ControlLoop:
+    """Two bent robots at rest at 50 m, the second of them imperfect."""
+    loop = make_loop(robot, 2, **options)
+    loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=50.0)
+    loop.spoil(1, imperfections, seed)
+    return loop
+
+
+@pytest.mark.parametrize("latency_ms", [0, 2, 14, 40])
+def test_latency_shifts_the_targets_by_exactly_its_ticks(robot: Robot, latency_ms: int) -> None:
+    loop = spoiled_loop(robot, Imperfections(latency=latency_ms / 1000))
+    actions = np.random.default_rng(0).uniform(-0.02, 0.02, (6, 1, 11))
+    targets = np.concatenate([targets_of(loop.step(np.tile(action, (2, 1)))) for action in actions], axis=1)
+    num_ticks = latency_ms // 2
+    np.testing.assert_allclose(targets[1, num_ticks:], targets[0, : 120 - num_ticks], atol=1e-9)
+    # Until the first action arrives the nominal pose is held.
+    np.testing.assert_allclose(targets[1, :num_ticks], np.tile(robot.pose("bent"), (num_ticks, 1)), atol=1e-9)
+    assert np.abs(np.diff(targets[0], axis=0)).max() > 1e-4
+
+
+def observed(loop: ControlLoop, num_steps: int) -> np.ndarray:
+    """What the second robot sees beyond the first one, whose motion is the same: (num_steps, 47)."""
+    seen = []
+    for _ in range(num_steps):
+        record = loop.step(np.zeros((2, 11))).record
+        np.testing.assert_array_equal(record[0], record[1])
+        seen.append(loop.observation[1] - loop.observation[0])
+    return np.array(seen)
+
+
+def test_observation_noise_is_added_at_every_tick_before_the_filter(robot: Robot) -> None:
+    noise = observed(spoiled_loop(robot, Imperfections(observation_noise=0.5)), 150)[2:]
+    # White noise through y[k] = b0 (x[k] + x[k-1]) - a1 y[k-1] has sum h^2 = b0^2 (1 + (1 - a1)^2 / (1 - a1^2)) = b0
+    # of its variance, with b0 = 0.0592 at 10 of 500 Hz: 0.5 * 0.2433 = 0.1217.
+    b0 = butter(1, 10.0, fs=500.0)[0][0]
+    assert noise.std() == pytest.approx(0.5 * np.sqrt(b0), rel=4 / np.sqrt(2 * noise.size))
+    # In every component's own unit: forces of 800 N as much as angles.
+    np.testing.assert_allclose(noise.std(axis=0), 0.5 * np.sqrt(b0), rtol=4 / np.sqrt(2 * len(noise)))
+    # Of one step a1^20 = 0.08 is left in the next.
+    assert np.corrcoef(noise[1:].ravel(), noise[:-1].ravel())[0, 1] == pytest.approx(0.08, abs=4 / np.sqrt(noise.size))
+
+
+def test_a_bias_is_the_same_throughout_and_the_seeds_own(robot: Robot) -> None:
+    loop = spoiled_loop(robot, Imperfections(sensor_bias=0.1))
+    first = loop.observation[1] - loop.observation[0]
+    bias = observed(loop, 20)
+    np.testing.assert_allclose(bias, np.tile(first, (20, 1)), atol=1e-12)
+    in_deviations = bias[-1] / observation.scales(robot)
+    assert in_deviations.std() == pytest.approx(0.1, rel=4 / np.sqrt(2 * 47))
+    again, other = (observed(spoiled_loop(robot, Imperfections(sensor_bias=0.1), seed), 20)[-1] for seed in (3, 4))
+    np.testing.assert_allclose(again, bias[-1], atol=1e-12)
+    assert (other != bias[-1]).all()
+
+
+def test_action_noise_is_in_rad_and_new_at_every_policy_step(robot: Robot) -> None:
+    loop = spoiled_loop(robot, Imperfections(action_noise=0.004), action_scale=0.2)
+    noise = []
+    for _ in range(60):
+        both = targets_of(loop.step(np.full((2, 11), 0.05)))
+        np.testing.assert_allclose(both[0, -1], robot.pose("bent") + 0.2 * 0.05, atol=1e-9)
+        noise.append(both[1, -1] - both[0, -1])
+        # Along a cubic from one to the next: half way at the middle.
+        last = noise[-2] if len(noise) > 1 else np.zeros(11)
+        np.testing.assert_allclose(both[1, 9] - both[0, 9], 0.5 * (last + noise[-1]), atol=1e-9)
+    assert np.std(noise) == pytest.approx(0.004, rel=4 / np.sqrt(2 * 660))
+    assert abs(np.corrcoef(np.ravel(noise[1:]), np.ravel(noise[:-1]))[0, 1]) < 4 / np.sqrt(649)
+
+
+def test_action_noise_never_asks_for_more_than_a_joints_range(robot: Robot) -> None:
+    loop = make_loop(robot, 1, "straight")
+    loop.reset(np.array([0]), np.zeros((1, 11)), height=50.0)
+    loop.spoil(0, Imperfections(action_noise=5.0), seed=0)
+    for _ in range(10):
+        loop.step(np.zeros((1, 11)))
+        assert (loop.simulation.joint_targets >= robot.joint_lower - 1e-12).all()
+        assert (loop.simulation.joint_targets <= robot.joint_upper + 1e-12).all()
+
+
+ROUGH = Imperfections(observation_noise=0.5, action_noise=0.05, sensor_bias=0.1, latency=0.01)
+
+
+def stepped(loop: ControlLoop, ids: np.ndarray, robot: int, num_steps: int = 5) -> list[np.ndarray]:
+    """Records and observations of one robot under a policy that reacts to what it sees."""
+    seen = []
+    for _ in range(num_steps):
+        ticks = loop.step(0.05 * np.tanh(loop.observation[ids, :11]), ids)
+        seen += [ticks.record[ids == robot].copy(), loop.observation[robot].copy()]
+    return seen
+
+
+def test_a_perfect_robot_beside_an_imperfect_one_moves_as_one_alone(robot: Robot) -> None:
+    alone = make_loop(robot, 1)
+    alone.reset(np.array([0]), robot.pose("bent")[None], height=50.0)
+    expected = stepped(alone, np.array([0]), 0)
+    loop = spoiled_loop(robot, ROUGH)
+    loop.spoil(0, PERFECT, seed=8)
+    for found, wanted in zip(stepped(loop, np.array([0, 1]), 0), expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    imperfect = stepped(spoiled_loop(robot, ROUGH), np.array([0, 1]), 1)
+    assert (imperfect[1] != expected[1]).all()
+
+
+def test_an_imperfect_robot_moves_as_one_alone(robot: Robot) -> None:
+    alone = make_loop(robot, 1)
+    alone.reset(np.array([0]), robot.pose("bent")[None], height=50.0)
+    alone.spoil(0, ROUGH, seed=3)
+    expected = stepped(alone, np.array([0]), 0)
+    for found, wanted in zip(stepped(spoiled_loop(robot, ROUGH), np.array([0, 1]), 1), expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)
+
+
+def test_reset_makes_a_robot_perfect_again(robot: Robot) -> None:
+    loop = spoiled_loop(robot, ROUGH)
+    stepped(loop, np.array([0, 1]), 1)
+    loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=50.0)
+    for _ in range(5):
+        record = loop.step(np.full((2, 11), 0.02)).record
+        np.testing.assert_array_equal(record[0], record[1])
+        np.testing.assert_array_equal(loop.observation[0], loop.observation[1])
 
 
 def test_actions_of_a_wrong_shape_are_refused_with_both_shapes(robot: Robot) -> None:

@@ -113,6 +113,85 @@ def test_a_push_gives_a_flying_robot_its_impulse(robot: Robot) -> None:
     np.testing.assert_allclose(momentum, [12.0, -24.0, 6.0 - 1346.33 * 99 * 0.002], atol=0.02)
 
 
+# Levers, and two pushes at once.
+
+
+def test_a_lever_arm_gives_a_torque_of_arm_times_force(robot: Robot) -> None:
+    pushes = Pushes(robot, 2)
+    impulse = np.array([[12.0, -24.0, 6.0], [12.0, -24.0, 6.0]])
+    pushes.schedule(np.arange(2), np.full(2, robot.body_id("torso")), impulse, np.zeros(2), 0.12, np.array([0.3, -0.5]))
+    wrench = written(pushes, 1, num_robots=2)[:, 0, robot.body_id("torso")]
+    # (0, 0, h) x (100, -200, 50) N = (200 h, 100 h, 0) Nm
+    np.testing.assert_allclose(wrench[:, :3], [[100.0, -200.0, 50.0]] * 2, rtol=1e-14)
+    np.testing.assert_allclose(wrench[:, 3:], [[60.0, 30.0, 0.0], [-100.0, -50.0, 0.0]], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("body", "lever", "arm"),
+    [
+        # Straight, from the pelvis frame up (test_robot.py): the robot's CoM is at -0.0672277, the pelvis' at
+        # -0.0544803, the torso's at 0.2336136, the thigh's at -0.454075, the shank's at -0.866577.
+        ("pelvis", 0.0, -0.0672277 + 0.0544803),
+        ("torso", 0.32, 0.32 - 0.0672277 - 0.2336136),
+        ("left_thigh", -0.50, -0.50 - 0.0672277 + 0.454075),
+        ("left_shank", -0.70, -0.70 - 0.0672277 + 0.866577),
+    ],
+)
+def test_a_lever_counts_from_the_robots_com_an_arm_from_the_bodys(
+    robot: Robot, body: str, lever: float, arm: float
+) -> None:
+    assert robot.lever_arm(robot.pose("straight"), body, lever) == pytest.approx(arm, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("body", "lever"), [("pelvis", 0.0), ("torso", 0.32), ("left_thigh", -0.5), ("left_shank", -0.7)]
+)
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0)])
+def test_a_push_with_a_lever_turns_a_flying_robot_about_its_com(
+    robot: Robot, body: str, lever: float, direction: tuple[float, float]
+) -> None:
+    simulation = Simulation(robot, 1, num_threads=1)
+    pose = robot.pose("bent")
+    simulation.reset(np.array([0]), pose[None], height=5.0)
+    pushes = Pushes(robot, 1)
+    impulse = 10.0 * np.array([[*direction, 0.0]])
+    arm = robot.lever_arm(pose, body, lever)
+    pushes.schedule(np.array([0]), np.array([robot.body_id(body)]), impulse, np.array([5]), CONTROL_DT, arm)
+    pushes.write(simulation.wrench, np.array([0]))
+    momentum = simulation.step(np.tile(pose, (1, TICKS_PER_STEP, 1))).angular_momentum[0]
+    # (0, 0, lever) x J, at once; what the joints do about it afterwards changes nothing. About z it is the body's
+    # place in the horizontal plane that counts.
+    expected = 10.0 * lever * np.array([-direction[1], direction[0]])
+    np.testing.assert_allclose(momentum[:6], 0.0, atol=1e-6)
+    np.testing.assert_allclose(momentum[8, :2], expected, atol=0.02)
+
+
+def both_written(robot: Robot, bodies: tuple[str, str], starts: tuple[int, int], num_steps: int = 6) -> np.ndarray:
+    """Wrenches of a push of (12, 0, 0) Ns and one of (0, 6, 0) Ns, (num_ticks, num_bodies, 6)."""
+    first, second = Pushes(robot, 1), Pushes(robot, 1)
+    for pushes, body, impulse, start in zip((first, second), bodies, ([12.0, 0, 0], [0, 6.0, 0]), starts, strict=True):
+        pushes.schedule(np.array([0]), np.array([robot.body_id(body)]), np.array([impulse]), np.array([start]), 0.12)
+    wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
+    steps = []
+    for step in range(num_steps):
+        for pushes in (first, second):
+            pushes.clear(wrench)
+        for pushes in (first, second):
+            pushes.add(wrench, np.array([step * TICKS_PER_STEP]))
+        steps.append(wrench[0].copy())
+    return np.concatenate(steps)
+
+
+@pytest.mark.parametrize("bodies", [("pelvis", "pelvis"), ("pelvis", "torso"), ("torso", "pelvis")])
+@pytest.mark.parametrize("starts", [(0, 0), (5, 31), (40, 3)])
+def test_overlapping_pushes_add_up(robot: Robot, bodies: tuple[str, str], starts: tuple[int, int]) -> None:
+    expected = np.zeros((120, NUM_BODIES, 6))
+    # 60 ticks of 12 Ns / 0.12 s = 100 N and of 50 N
+    expected[starts[0] : starts[0] + 60, robot.body_id(bodies[0]), 0] += 100.0
+    expected[starts[1] : starts[1] + 60, robot.body_id(bodies[1]), 1] += 50.0
+    np.testing.assert_allclose(both_written(robot, bodies, starts), expected, rtol=1e-14)
+
+
 # Random pushes.
 
 

@@ -1,44 +1,120 @@
-"""The search for the rejected impulse, against stores whose outcome is known for every trial, and on the real robot."""
+"""The search for the rejected impulse, against trials whose outcome is known by rule, and on the real robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from conftest import an_outcome
 
+from surefoot import evaluation
+from surefoot.errors import UserError
 from surefoot.evaluation import (
-    GRID,
     NUM_SAMPLED,
     NUM_WHOLE,
+    Threshold,
+    _Search,
     find_thresholds,
     push_lines,
+    run_scenarios,
+    whole_outcomes,
     wilson_interval,
 )
+from surefoot.judge import Outcome
 from surefoot.policy import NominalPolicy
-from surefoot.trials import Outcome, Trial, run_list
+from surefoot.scenarios import Line, Scenario
+from surefoot.trials import Trial, run_list
+
+FORWARD, LEFT = push_lines()[:2]
+Fails = Callable[[int, int, bool], bool]
+"""(cell, seed, whole) -> does the trial fail?"""
+
+
+def cell_of(trial: Trial) -> int:
+    """On its grid: 6 Ns, 5 cm (pushed by nothing, dropped upright) or 1 degree."""
+    if trial.push.impulse or not trial.drop:
+        return round(trial.push.impulse / 6.0)
+    tilt = math.degrees(math.hypot(trial.drop.roll, trial.drop.pitch))
+    return round(tilt) if tilt else round(trial.drop.height / 0.05)
 
 
 class KnownOutcomes:
-    """A store that has every trial already: what the search concludes from them can be worked out by hand.
+    """A store that has every trial already: what the search concludes from them can be worked out by hand."""
 
-    Args:
-        fails: (cell, seed, whole) -> does the trial fail?
-    """
-
-    def __init__(self, fails):
+    def __init__(self, fails: Fails):
         self.fails = fails
         self.asked: list[Trial] = []
 
     def get(self, trial: Trial) -> Outcome:
         self.asked.append(trial)
-        failed = self.fails(round(trial.push.impulse / GRID), trial.seed, trial.whole)
-        return Outcome(not failed, "fell" if failed else "recovered", 1.0, 0.0, 0.0, 0.5, 0.5)
+        failed = self.fails(cell_of(trial), trial.seed, trial.whole)
+        return an_outcome(recovered=not failed, reason="fell" if failed else "recovered")
 
-    def put(self, trial: Trial, outcome: Outcome) -> None:
+    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None:
         raise AssertionError("a known trial was run again")
 
 
-def threshold_where(fails) -> tuple[float, KnownOutcomes]:
+class Memory(dict):
+    """A store in memory that knows which scenario asked."""
+
+    def __init__(self) -> None:
+        self.scenarios: dict[Trial, str] = {}
+
+    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None:
+        self[trial] = outcome
+        self.scenarios[trial] = scenario
+
+
+def threshold_where(fails: Fails, line: Line = FORWARD) -> tuple[float, KnownOutcomes]:
     store = KnownOutcomes(fails)
-    (threshold,) = find_thresholds(NominalPolicy(), push_lines()[:1], store, num_slots=1)
-    return threshold.impulse, store
+    (threshold,) = find_thresholds(NominalPolicy(), [line], store, num_slots=1)
+    return threshold.size, store
+
+
+class Arena:
+    """Runs a search as `run_trials` does, but trials end in a drawn order and as a rule says, not by physics.
+
+    Attributes:
+        begun: every trial, as they began.
+        most: how many were under way at most, by cell, of those that are whole.
+    """
+
+    def __init__(
+        self,
+        lines: Sequence[Line],
+        outcome: Callable[[Trial], Outcome],
+        num_slots: int,
+        seed: int = 0,
+        store: Memory | None = None,
+    ):
+        search, rng = _Search(lines, store, None), np.random.default_rng(seed)
+        self.begun: list[Trial] = []
+        self.most: dict[int, int] = {}
+        running: list[Trial] = []
+        while True:
+            while len(running) < num_slots and (trial := search.next()):
+                running.append(trial)
+                self.begun.append(trial)
+            for cell in {cell_of(trial) for trial in running if trial.whole}:
+                now = sum(trial.whole and cell_of(trial) == cell for trial in running)
+                self.most[cell] = max(self.most.get(cell, 0), now)
+            if not running:
+                break
+            trial = running.pop(rng.integers(len(running)))
+            search.report(trial, outcome(trial))
+            for unwanted in [trial for trial in running if not search.wants(trial)]:
+                running.remove(unwanted)
+                search.drop(unwanted)
+        self.thresholds: list[Threshold] = search.thresholds()
+
+
+def by_rule(fails: Fails) -> Callable[[Trial], Outcome]:
+    return lambda trial: an_outcome(recovered=not fails(cell_of(trial), trial.seed, trial.whole))
+
+
+# The one definition of success.
 
 
 def test_a_policy_that_survives_everything_up_to_120_ns_is_worth_120() -> None:
@@ -80,14 +156,35 @@ def test_a_policy_that_cannot_even_stand_is_worth_nothing() -> None:
 def test_every_smaller_cell_has_8_trials_and_the_threshold_has_40_whole_ones() -> None:
     _, store = threshold_where(lambda cell, seed, whole: cell > 20)
     for cell in range(1, 20):
-        sampled = {t.seed for t in store.asked if not t.whole and round(t.push.impulse / GRID) == cell}
-        assert sampled == set(range(NUM_SAMPLED))
+        assert {t.seed for t in store.asked if not t.whole and cell_of(t) == cell} == set(range(NUM_SAMPLED))
     assert {t.seed for t in store.asked if t.whole and t.push.impulse == 120.0} == set(range(NUM_WHOLE))
 
 
 def test_no_trial_is_asked_for_twice() -> None:
     _, store = threshold_where(lambda cell, seed, whole: cell > 20 or cell in (11, 13))
     assert len(store.asked) == len(set(store.asked))
+
+
+@pytest.mark.parametrize(
+    ("fails", "limited_by"),
+    [
+        (lambda cell, seed, whole: cell > 20, "share"),
+        # One failure each from cell 18 on: the fourth is at 21, which itself still holds.
+        (lambda cell, seed, whole: not whole and cell >= 18 and seed == 0, "gives way"),
+        (lambda cell, seed, whole: False, "search"),
+    ],
+)
+def test_a_threshold_says_what_stopped_it(fails: Fails, limited_by: str) -> None:
+    (threshold,) = find_thresholds(NominalPolicy(), [FORWARD], KnownOutcomes(fails), num_slots=1)
+    assert threshold.limited_by == limited_by
+    assert (threshold.trials, threshold.recovered) == (40, 40)
+
+
+def test_the_whole_trials_at_a_threshold_can_be_read_again() -> None:
+    store = KnownOutcomes(lambda cell, seed, whole: cell > 20 or seed == 3)
+    (threshold,) = find_thresholds(NominalPolicy(), [FORWARD], store, num_slots=1)
+    outcomes = whole_outcomes(threshold, store)
+    assert [outcome.recovered for outcome in outcomes] == [seed != 3 for seed in range(40)]
 
 
 def test_a_wilson_interval_by_hand() -> None:
@@ -107,12 +204,164 @@ def test_lines_are_evenly_spaced_and_named() -> None:
     np.testing.assert_allclose(np.diff([line.angle for line in sixteen]), np.pi / 8)
 
 
+# Heights, tilts and steps.
+
+
+def test_a_height_is_searched_in_steps_of_5_cm() -> None:
+    (line,) = Scenario("landing_height", search="height", directions=1).lines()
+    height, store = threshold_where(lambda cell, seed, whole: cell > 11, line)
+    assert height == 0.55
+    assert {trial.drop.height for trial in store.asked if not trial.whole and cell_of(trial) <= 3} == {0.05, 0.1, 0.15}
+
+
+def test_a_tilt_is_searched_in_steps_of_1_degree_from_its_height() -> None:
+    line = Scenario("landing_tilt", search="tilt", drop=0.4).lines()[1]
+    tilt, store = threshold_where(lambda cell, seed, whole: cell > 7, line)
+    assert tilt == 7.0
+    assert {trial.drop.height for trial in store.asked} == {0.4}
+    # To the left: the right side up, a negative roll.
+    assert min(trial.drop.roll for trial in store.asked) == pytest.approx(math.radians(-60.0 + 1.0), abs=0.02)
+
+
+def test_two_lines_that_need_the_same_trials_run_them_once_and_judge_each_by_its_own_rule() -> None:
+    lines = [Scenario(name, directions=1, without_step=no).lines()[0] for name, no in (("any", False), ("none", True))]
+
+    def steps_from_36_ns(trial: Trial) -> Outcome:
+        return an_outcome(recovered=cell_of(trial) <= 20, foot_shift=0.2 if cell_of(trial) > 5 else 0.0)
+
+    for num_slots in (1, 16, 200):
+        arena = Arena(lines, steps_from_36_ns, num_slots, store=Memory())
+        assert [threshold.size for threshold in arena.thresholds] == [120.0, 30.0]
+        assert len(arena.begun) == len(set(arena.begun))
+
+
+# The order of work.
+
+
+def rough(cell: int, seed: int, whole: bool) -> bool:
+    """Fails ever more often from 60 to 240 Ns, now and then before."""
+    chance = np.clip((cell - 10) / 30, 0.01, 1.0)
+    return np.random.default_rng([cell, seed, whole]).random() < chance
+
+
+@pytest.mark.parametrize("num_slots", [1, 7, 192])
+def test_looking_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch, num_slots: int) -> None:
+    (expected,) = find_thresholds(NominalPolicy(), [FORWARD], KnownOutcomes(rough), num_slots=1)
+    assert 0.0 < expected.size < 240.0
+    for look_ahead in (1, 3):
+        monkeypatch.setattr(evaluation, "LOOK_AHEAD", look_ahead)
+        for seed in range(3):  # of the order in which trials end
+            arena = Arena([FORWARD], by_rule(rough), num_slots, seed)
+            assert arena.thresholds == [expected]
+            assert len(arena.begun) == len(set(arena.begun))
+
+
+def test_idle_robots_judge_the_next_two_candidates() -> None:
+    # 126 Ns look good when sampled, but nothing from 108 Ns on holds.
+    def fails(cell: int, seed: int, whole: bool) -> bool:
+        return cell > 21 or (whole and cell >= 18 and seed % 2 == 0)
+
+    arena = Arena([FORWARD], by_rule(fails), num_slots=192)
+    assert [threshold.size for threshold in arena.thresholds] == [102.0]
+    # 40 trials each, the candidate's first.
+    first_three = [cell_of(trial) for trial in arena.begun if trial.whole][:120]
+    assert first_three == [21] * 40 + [20] * 40 + [19] * 40
+    assert arena.most[21] == 40
+    monotone = [cell_of(trial) for trial in arena.begun if trial.whole]
+    assert monotone == sorted(monotone, reverse=True)
+
+
+def test_robots_that_are_needed_elsewhere_do_not_look_ahead() -> None:
+    # Left is through soon, with 18 Ns; forward climbs to 600 Ns and keeps four robots busy all the while.
+    def outcome(trial: Trial) -> Outcome:
+        left = trial.push.direction[1] > 0.5
+        return an_outcome(recovered=cell_of(trial) <= (3 if left else 100))
+
+    arena = Arena([LEFT, FORWARD], outcome, num_slots=4)
+    assert [threshold.size for threshold in arena.thresholds] == [18.0, 600.0]
+    judged = [trial for trial in arena.begun if trial.whole and trial.push.direction[1] > 0.5]
+    assert {cell_of(trial) for trial in judged if cell_of(trial) <= 3} == {3}
+
+
+def test_what_was_looked_ahead_for_is_dropped_once_the_candidate_holds() -> None:
+    store = Memory()
+    arena = Arena([FORWARD], by_rule(lambda cell, seed, whole: cell > 20), 192, store=store)
+    assert [threshold.size for threshold in arena.thresholds] == [120.0]
+    assert arena.most[19] == 40
+    kept = [trial for trial in store if trial.whole and cell_of(trial) == 19]
+    assert len(kept) < 40
+
+
+def test_a_search_that_is_taken_up_again_repeats_nothing_and_ends_alike() -> None:
+    store = Memory()
+    whole = Arena([FORWARD, LEFT], by_rule(rough), 16)
+
+    class KilledError(Exception):
+        pass
+
+    def killed_at_200(trial: Trial) -> Outcome:
+        if len(store) == 200:
+            raise KilledError
+        return by_rule(rough)(trial)
+
+    with pytest.raises(KilledError):
+        Arena([FORWARD, LEFT], killed_at_200, 16, store=store)
+    before = set(store)
+    resumed = Arena([FORWARD, LEFT], by_rule(rough), 16, seed=1, store=store)
+    assert resumed.thresholds == whole.thresholds
+    assert not before & set(resumed.begun)
+    assert Arena([FORWARD, LEFT], by_rule(rough), 16, store=store).begun == []
+
+
+# On the real robot.
+
+
 def test_holding_the_nominal_pose_rejects_what_its_own_trials_say() -> None:
-    """The real robot: at the threshold found, 40 fresh runs of the whole trials recover as often as reported."""
-    policy = NominalPolicy(pose="straight")
-    backward = push_lines()[2]
-    (threshold,) = find_thresholds(policy, [backward])
-    assert 0.0 < threshold.impulse < 60.0
-    cell = round(threshold.impulse / GRID)
-    outcomes = run_list(policy, [backward.trial(cell, seed, whole=True) for seed in range(NUM_WHOLE)])
+    """At the threshold found, 40 fresh runs of the whole trials recover as often as reported."""
+    policy, backward = NominalPolicy(pose="straight"), Scenario("short", horizon=3.0).lines()[2]
+    (threshold,) = find_thresholds(policy, [backward], num_slots=32)
+    assert 0.0 < threshold.size < 60.0
+    cell = round(threshold.size / backward.grid)
+    trials = [backward.trial(cell, seed, whole=True) for seed in range(NUM_WHOLE)]
+    outcomes = run_list(policy, trials, num_slots=40)
     assert sum(outcome.recovered for outcome in outcomes.values()) == threshold.recovered >= 38
+
+
+def test_a_scenario_without_a_search_runs_exactly_its_trials() -> None:
+    fixed = Scenario("hard", search="", impulse=400.0, directions=("left", 30.0), trials=2)
+    store, told = Memory(), []
+    thresholds = run_scenarios(
+        NominalPolicy(), [fixed], store, lambda *progress: told.append(progress[:2]), num_slots=4
+    )
+    assert thresholds == []
+    assert set(store) == {trial for line in fixed.lines() for trial in line.fixed_trials()}
+    assert sorted((round(trial.push.direction[0], 3), trial.seed) for trial in store) == [
+        (0.0, 0), (0.0, 1), (0.866, 0), (0.866, 1)
+    ]  # fmt: skip
+    assert {outcome.reason for outcome in store.values()} == {"fell"}
+    assert set(store.scenarios.values()) == {"hard"}
+    # One after the other; both lines are through at the end.
+    assert [num_trials for num_trials, _ in told] == [1, 2, 3, 4]
+    assert told[-1] == (4, 2)
+
+
+def test_scenarios_of_different_worlds_run_each_in_its_own() -> None:
+    policy = NominalPolicy()
+    strong, weak = (
+        Scenario(name, search="", impulse=400.0, directions=1, trials=1, motor_strength=strength)
+        for name, strength in (("strong", 1.0), ("weak", 0.5))
+    )
+    store = Memory()
+    run_scenarios(policy, [strong, weak, strong], store, num_slots=2, num_threads=1)
+    assert sorted(store.scenarios.values()) == ["strong", "weak"]
+    for trial, outcome in store.items():
+        alone = run_list(policy, [trial], num_slots=1, world=trial.world)[trial]
+        assert repr(outcome) == repr(alone)
+    torque = {store.scenarios[trial]: max(outcome.torque_peaks) for trial, outcome in store.items()}
+    assert torque == {"strong": 350.0, "weak": 175.0}
+
+
+def test_a_trial_for_another_world_is_refused() -> None:
+    (trial,) = Scenario("ice", search="", directions=1, trials=1, friction=0.1).lines()[0].fixed_trials()
+    with pytest.raises(UserError, match=r"a trial is for another world than this batch's, World\(friction=1.0"):
+        run_list(NominalPolicy(), [trial], num_slots=1, num_threads=1)

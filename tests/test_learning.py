@@ -22,7 +22,7 @@ from surefoot.errors import UserError
 from surefoot.learning.config import HALF_LIFE_GAMMA, PRESETS, TrainConfig, preset
 from surefoot.learning.probe import FIRST_SEED, probe
 from surefoot.learning.run_folder import RunFolder
-from surefoot.learning.sb3 import SB3VecEnv, actor_layers
+from surefoot.learning.sb3 import ExplorationNoise, SB3VecEnv, actor_layers, limit_exploration
 from surefoot.learning.train import Trainer, make_model, train
 from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, load_policy, network_bytes
 from surefoot.robot import load_robot
@@ -130,6 +130,46 @@ def test_a_new_policy_holds_the_nominal_pose() -> None:
         model, _ = make(tiny(algorithm))
         actions, _ = model.predict(np.zeros((1, 47), np.float32), deterministic=True)
         assert np.abs(actions).max() < 0.05
+
+
+# Exploration and averaging.
+
+
+def test_exploration_keeps_its_deviation_and_its_correlation() -> None:
+    noise = ExplorationNoise((3, 2), (0.1, 0.4), 0.8, np.random.default_rng(0))
+    drawn = np.stack([noise() for _ in range(20_000)])
+    # Calm, in between on a logarithmic scale (sqrt(0.1 * 0.4) = 0.2), bold; at a correlation of 0.8 the mean of
+    # 20,000 draws counts as about 20,000 * (1 - 0.64) / (1 + 0.64) = 4,400 independent ones, so 1.1 % off at 1 sigma.
+    np.testing.assert_allclose(drawn.std(axis=(0, 2)), [0.1, 0.2, 0.4], rtol=0.04)
+    for lag, expected in ((1, 0.8), (3, 0.512)):
+        pairs = np.corrcoef(drawn[:-lag, 2, 0], drawn[lag:, 2, 0])[0, 1]
+        assert pairs == pytest.approx(expected, abs=0.04)
+
+
+def test_exploration_fades_to_the_share_it_is_limited_to() -> None:
+    model, _ = make(tiny("ddpg"))
+    limit_exploration(model, 0.0, 0.25)
+    assert model.action_noise.scale == 0.25
+    before = model.action_noise._noise.copy()
+    assert np.abs(model.action_noise()).max() < 0.25 * 0.25 * (np.abs(before).max() + 3.0)
+    gaussian, _ = make(tiny("trpo"))
+    limit_exploration(gaussian, gaussian.policy.log_std[0].item(), 0.5)
+    start = np.exp(tiny("trpo").log_std)
+    np.testing.assert_allclose(gaussian.policy.log_std.exp().detach(), 0.5 * start, rtol=1e-6)
+
+
+def test_the_averaged_actor_follows_the_newest_one_with_its_time_constant(tmp_path: Path) -> None:
+    config = tiny("ddpg", average_steps=1000.0)
+    trainer = Trainer(config, RunFolder.create(tmp_path / "run", config))
+    (weight, _), *_ = actor_layers(trainer.model)
+    with torch.no_grad():
+        next(iter(trainer.model.policy.actor.mu)).weight += 1.0
+    trainer.model.num_timesteps = 700
+    trainer.advance()
+    # 1 - exp(-700 / 1000) = 0.503 of the way to weights that are larger by 1.
+    np.testing.assert_allclose(trainer._average[0][0] - weight, 0.5034, atol=1e-4)
+    trainer.advance()  # no steps, no change
+    np.testing.assert_allclose(trainer._average[0][0] - weight, 0.5034, atol=1e-4)
 
 
 def test_the_paper_preset_has_the_papers_hyperparameters() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from surefoot.signals import LowPass, cubic_path
+from surefoot.signals import Delay, LowPass, Noise, cubic_path
 
 RNG = np.random.default_rng(0)
 BLOCK = 20
@@ -108,3 +108,93 @@ def test_a_cubic_path_is_at_rest_at_both_ends() -> None:
 def test_a_cubic_path_to_where_it_starts_stays_there() -> None:
     here = RNG.normal(size=(3, 11))
     np.testing.assert_array_equal(cubic_path(here, here, 20), np.repeat(here[:, None], 20, axis=1))
+
+
+def test_a_cubic_path_is_written_where_it_is_asked_to_be() -> None:
+    start, end = RNG.normal(size=(2, 5, 11))
+    wide = np.full((5, 20, 30), 7.0)  # as in the simulation, whose targets are a part of its controls
+    path = cubic_path(start, end, 20, out=wide[..., :11])
+    assert np.shares_memory(path, wide)
+    np.testing.assert_array_equal(wide[..., :11], cubic_path(start, end, 20))
+    np.testing.assert_array_equal(wide[..., 11:], 7.0)
+
+
+# Noise.
+
+
+def noise_of(std: dict[int, float], seeds: dict[int, int] | None = None) -> Noise:
+    noise = Noise(4)
+    for robot, deviation in std.items():
+        noise.reset(robot, deviation, np.random.default_rng((seeds or {}).get(robot, robot)))
+    return noise
+
+
+def test_noise_has_its_deviation_and_no_mean() -> None:
+    noise = noise_of({0: 0.5, 1: 0.0, 2: 3.0})
+    signal = np.full((3, 20_000, 2), 10.0)
+    noisy = noise.add(np.array([0, 1, 2]), signal) - 10.0
+    np.testing.assert_array_equal(noisy[1], 0.0)
+    for row, std in ((0, 0.5), (2, 3.0)):
+        # 40 000 draws: the mean deviates by std / 200, the deviation by std / 283.
+        assert abs(noisy[row].mean()) < 4 * std / 200
+        assert noisy[row].std() == pytest.approx(std, rel=4 / 283)
+        # New at every tick and in every column.
+        assert abs(np.corrcoef(noisy[row, 1:, 0], noisy[row, :-1, 0])[0, 1]) < 4 / np.sqrt(20_000)
+        assert abs(np.corrcoef(noisy[row].T)[0, 1]) < 4 / np.sqrt(20_000)
+    np.testing.assert_array_equal(signal, 10.0)  # which is somebody else's
+
+
+def test_noise_of_a_robot_is_its_seeds_whoever_else_is_there() -> None:
+    signal = np.zeros((1, 20, 3))
+    alone = [noise_of({2: 0.5}).add(np.array([2]), signal)[0]]
+    noise = noise_of({0: 1.0, 2: 0.5, 3: 2.0})
+    together = noise.add(np.array([0, 2, 3]), np.zeros((3, 20, 3)))
+    np.testing.assert_array_equal(together[1], alone[0])
+    other = noise_of({2: 0.5}, seeds={2: 9}).add(np.array([2]), signal)[0]
+    assert (other != alone[0]).all()
+    # The next ones are new, and also do not depend on who was asked meanwhile.
+    reference = noise_of({2: 0.5})
+    reference.add(np.array([2]), signal)
+    noise.add(np.array([0, 3]), np.zeros((2, 20, 3)))
+    following = noise.add(np.array([2]), signal)[0]
+    np.testing.assert_array_equal(following, reference.add(np.array([2]), signal)[0])
+    assert (following != alone[0]).all()
+
+
+def test_a_robot_without_noise_any_more_has_none() -> None:
+    noise = noise_of({1: 0.5})
+    noise.reset(1, 0.0, np.random.default_rng(0))
+    signal = RNG.normal(size=(2, 20, 3))
+    np.testing.assert_array_equal(noise.add(np.array([0, 1]), signal), signal)
+
+
+# Delay.
+
+
+def test_a_delay_by_hand() -> None:
+    delay = Delay(3, block=4, size=1)
+    delay.reset(0, 0, np.array([-1.0]))
+    delay.reset(1, 1, np.array([-2.0]))
+    delay.reset(2, 4, np.array([-3.0]))
+    first, second = np.arange(1.0, 9.0).reshape(2, 1, 4, 1).repeat(3, axis=1)  # 1 2 3 4, then 5 6 7 8
+    everyone = np.arange(3)
+    np.testing.assert_array_equal(delay(everyone, first)[..., 0], [[1, 2, 3, 4], [-2, 1, 2, 3], [-3, -3, -3, -3]])
+    np.testing.assert_array_equal(delay(everyone, second)[..., 0], [[5, 6, 7, 8], [4, 5, 6, 7], [1, 2, 3, 4]])
+
+
+def test_a_delay_of_some_robots_leaves_what_the_others_wait_for() -> None:
+    delay = Delay(2, block=4, size=1)
+    for robot in (0, 1):
+        delay.reset(robot, 2, np.array([0.0]))
+    delay(np.array([0, 1]), np.array([[1.0, 2, 3, 4], [5, 6, 7, 8]])[..., None])
+    np.testing.assert_array_equal(delay(np.array([1]), np.full((1, 4, 1), 9.0))[0, :, 0], [7, 8, 9, 9])
+    np.testing.assert_array_equal(delay(np.array([0]), np.full((1, 4, 1), 9.0))[0, :, 0], [3, 4, 9, 9])
+    # And a reset forgets what was under way.
+    delay.reset(0, 3, np.array([-1.0]))
+    np.testing.assert_array_equal(delay(np.array([0]), np.full((1, 4, 1), 5.0))[0, :, 0], [-1, -1, -1, 5])
+
+
+def test_no_delay_is_no_change() -> None:
+    delay = Delay(2, block=20, size=11)
+    signal = RNG.normal(size=(2, 20, 11))
+    np.testing.assert_array_equal(delay(np.arange(2), signal), signal)

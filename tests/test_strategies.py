@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from surefoot import trials
 from surefoot.control import ControlLoop
 from surefoot.policy import NominalPolicy, Policy, load_policy
 from surefoot.robot import Robot
 from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Ticks
-from surefoot.strategies import HABIT, STEP_LENGTH, Step, Strategies, StrategyWatch
+from surefoot.strategies import HABIT, Step, Strategies, StrategyWatch
 
 FORWARD, BACKWARD, LEFT = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 EVERYONE = np.array([0])
@@ -163,10 +162,6 @@ def test_a_foot_that_lifts_and_lands_ahead_has_stepped(story: Story) -> None:
     assert strategies.num_steps == 1
     assert not strategies.slid
     assert str(strategies) == "1 step"
-
-
-def test_a_step_is_as_long_as_in_the_definition_of_success() -> None:
-    assert STEP_LENGTH == trials.STEP_LENGTH
 
 
 def test_a_foot_put_down_within_3_cm_has_not_stepped(story: Story) -> None:

@@ -16,14 +16,18 @@ from rich.table import Table
 from surefoot import observation
 from surefoot.env import EnvConfig, PushRecoveryVectorEnv
 from surefoot.policy import NetworkPolicy
+from surefoot.scenarios import Scenario
 from surefoot.signals import LowPass
-from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Simulation
+from surefoot.trials import NUM_SLOTS, run_list
 
 NUM_ENVS = 256
 GOALS = {
     "bench.env_over_physics": (0.90, "at least"),
     "bench.learning_over_env": (0.80, "at least"),
     "bench.policy_step_us": (100.0, "at most"),
+    "bench.play_headroom_1": (1.0, "at least"),
+    "bench.play_headroom_64": (1.0, "at least"),
 }
 
 
@@ -31,15 +35,21 @@ def run_bench(seconds: float = 20.0, on_stage: Callable[[str], None] = lambda st
     """All figures, with documented keys (docs/figures.md).
 
     Args:
-        seconds: for each of the two ratios.
+        seconds: for each ratio; a quarter of it for each size of the live page.
         on_stage: told what is measured next.
     """
     on_stage("environment against bare physics")
     figures = environment_over_physics(seconds)
     on_stage("PPO against its environment")
     figures |= learning_over_environment(seconds)
+    on_stage("trials against bare physics")
+    figures |= trials_over_physics(seconds)
     on_stage("one policy step")
-    return figures | policy_step()
+    figures |= policy_step()
+    on_stage("the live page")
+    for num_robots in (1, 64):
+        figures |= live_page(num_robots, 0.25 * seconds)
+    return figures
 
 
 def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[str, float]:
@@ -103,6 +113,35 @@ def learning_over_environment(seconds: float) -> dict[str, float]:
     }
 
 
+def trials_over_physics(seconds: float) -> dict[str, float]:
+    """Whole trials of a network against the bare physics inside them: the share of their time spent in there."""
+    inside, began, num_trials = 0.0, time.perf_counter(), 0
+    advance = Simulation.advance
+
+    def timed_advance(simulation: Simulation, ids: np.ndarray | None = None) -> np.ndarray:
+        nonlocal inside
+        start = time.perf_counter()
+        record = advance(simulation, ids)
+        inside += time.perf_counter() - start
+        return record
+
+    line = Scenario("pelvis_push", directions=1).lines()[0]
+    policy = standing_network()
+    Simulation.advance = timed_advance  # type: ignore[method-assign, assignment]
+    try:
+        while time.perf_counter() - began < seconds:
+            trials = [line.trial(4, seed, whole=False) for seed in range(num_trials, num_trials + NUM_SLOTS)]
+            run_list(policy, trials)
+            num_trials += len(trials)
+    finally:
+        Simulation.advance = advance  # type: ignore[method-assign]
+    total = time.perf_counter() - began
+    return {
+        "bench.trials_per_s": round(num_trials / total, 1),
+        "bench.trials_over_physics": round(inside / total, 4),
+    }
+
+
 def policy_step(repeats: int = 3000) -> dict[str, float]:
     """Median time of one policy step of one robot: low-pass filter and network [us]."""
     policy = standing_network()
@@ -112,6 +151,34 @@ def policy_step(repeats: int = 3000) -> dict[str, float]:
     robot = np.array([0])
     times = [_timed(lambda: policy(low_pass([signal]), robot)) for _ in range(repeats)]
     return {"bench.policy_step_us": round(1e6 * float(np.median(times)), 1)}
+
+
+def live_page(num_robots: int, seconds: float) -> dict[str, float]:
+    """What the live page could do with nothing else to wait for: simulate, judge, place all bodies, write messages.
+
+    Its headroom is how many times as fast it is as it has to be: frames per second over the 50 (25 for a crowd) of
+    real time. What the browser draws is the browser's own affair.
+    """
+    from surefoot.viewer.page import Page
+    from surefoot.viewer.session import horizontal_push
+    from surefoot.viewer.source import PolicySource
+
+    page = Page(PolicySource("nominal"), num_robots, port=0)
+    try:
+        page.player.stop()
+        page.player.session.push(horizontal_push("pelvis", 0.0, 40.0))
+        frames, steps, began = 0, 0, time.perf_counter()
+        while time.perf_counter() - began < seconds:
+            steps += page.player.frame()
+            frames += 1
+        passed = time.perf_counter() - began
+    finally:
+        page.close()
+    return {
+        f"bench.play_physics_steps_per_s_{num_robots}": round(steps * num_robots * TICKS_PER_STEP / passed),
+        f"bench.play_frames_per_s_{num_robots}": round(frames / passed),
+        f"bench.play_headroom_{num_robots}": round(frames / passed / page.player.frames_per_second, 2),
+    }
 
 
 def standing_network() -> NetworkPolicy:

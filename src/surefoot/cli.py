@@ -13,6 +13,7 @@ from surefoot.commands.showing import Demo, Pictures, Report
 from surefoot.commands.terminal import console
 from surefoot.commands.testing import Bench, Evaluate, Replay, Table
 from surefoot.errors import UserError
+from surefoot.viewer.commands import Picture, Play, Video
 
 COMMANDS: dict[str, Callable[..., Any]] = {
     "train": Train,
@@ -24,6 +25,9 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "demo": Demo,
     "reproduce": Reproduce,
     "pictures": Pictures,
+    "play": Play,
+    "video": Video,
+    "picture": Picture,
 }
 
 

@@ -75,6 +75,7 @@ class ControlLoop:
         self._units = observation.units(robot)
         self._scales = observation.scales(robot)
         self._filter = LowPass(num_robots, len(self._units), TICKS_PER_STEP, CONTROL_HZ)
+        self._errors = LowPass(num_robots, len(self._units), TICKS_PER_STEP, CONTROL_HZ)
         self._observation_noise = Noise(num_robots)
         self._action_noise = Noise(num_robots)
         self._bias = np.zeros((num_robots, len(self._units)))
@@ -86,7 +87,8 @@ class ControlLoop:
     @property
     def observation(self) -> np.ndarray:
         """The filtered observation at the end of each robot's last policy step: (num_robots, 47) float64."""
-        return self._filter.output / self._units
+        vector = self._filter.output / self._units
+        return vector + self._errors.output if self._imperfect.any() else vector
 
     def reset(self, ids: np.ndarray, joint_position: np.ndarray, **stance: np.ndarray | float) -> Ticks:
         """Put perfect robots `ids` (n,) at rest and without a push; `stance` as for `Simulation.reset`."""
@@ -96,7 +98,9 @@ class ControlLoop:
         self.tick[ids] = 0
         self.pushes.cancel(ids)
         self.first_pushes.cancel(ids)
-        self._imperfect[ids] = False
+        if self._imperfect.any():
+            self._errors.reset(ids, np.zeros((len(ids), len(self._units))))
+            self._imperfect[ids] = False
         return start
 
     def spoil(self, robot: int, imperfections: Imperfections, seed: int) -> None:
@@ -107,6 +111,7 @@ class ControlLoop:
         self._action_noise.reset(robot, imperfections.action_noise, action_noise)
         self._delay.reset(robot, round(imperfections.latency * CONTROL_HZ), self._target[robot])
         self._imperfect[robot] = imperfections != PERFECT
+        self._errors.reset(np.array([robot]), self._bias[None, robot])
 
     def step(self, actions: np.ndarray, ids: np.ndarray | None = None) -> Ticks:
         """One policy step of robots `ids` (all without it).
@@ -127,16 +132,19 @@ class ControlLoop:
         if np.shape(actions) != num_actions:
             raise UserError(f"actions must have shape {num_actions}, not {np.shape(actions)}")
         goal = self.nominal + self.action_scale * np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
-        imperfect = np.flatnonzero(self._imperfect[rows])
-        goal[imperfect] = self._action_noise.add(self._ids(rows, imperfect), goal[imperfect])
+        imperfect = self._imperfect_rows(rows)
+        if imperfect is not None:
+            goal[imperfect] = self._action_noise.add(self._ids(rows, imperfect), goal[imperfect])
         goal = np.clip(goal, self.robot.joint_lower, self.robot.joint_upper)
         path = cubic_path(self._target[rows], goal, TICKS_PER_STEP, self.simulation.joint_targets if everyone else None)
-        path[imperfect] = self._delay(self._ids(rows, imperfect), path[imperfect])
+        if imperfect is not None:
+            path[imperfect] = self._delay(self._ids(rows, imperfect), path[imperfect])
         self._target[rows] = goal
         self._write_pushes()
         ticks = self.simulation.step(None if everyone else path, ids)
-        signals = observation.quantities(ticks)
-        self._filter(self._spoiled(signals, rows, imperfect) if len(imperfect) else signals, rows)
+        self._filter(observation.quantities(ticks), rows)
+        if imperfect is not None:
+            self._filter_errors(self._ids(rows, imperfect))
         self.tick[rows] += TICKS_PER_STEP
         return ticks
 
@@ -147,12 +155,15 @@ class ControlLoop:
         for pushes in both:
             pushes.add(self.simulation.wrench, self.tick)
 
-    def _spoiled(self, signals: list[np.ndarray], rows: np.ndarray | slice, imperfect: np.ndarray) -> list[np.ndarray]:
-        whole = np.concatenate(signals, axis=-1)
-        ids = self._ids(rows, imperfect)
-        vector = whole[imperfect] / self._units + self._bias[ids, None]
-        whole[imperfect] = self._observation_noise.add(ids, vector) * self._units
-        return [whole]
+    def _filter_errors(self, ids: np.ndarray) -> None:
+        """What is wrong with the observations passes a filter of its own: the filter is linear, and so no robot's
+        numbers depend on whether another one has errors."""
+        bias = np.repeat(self._bias[ids, None], TICKS_PER_STEP, axis=1)
+        self._errors([self._observation_noise.add(ids, bias)], ids)
+
+    def _imperfect_rows(self, rows: np.ndarray | slice) -> np.ndarray | None:
+        found = np.flatnonzero(self._imperfect[rows])
+        return found if len(found) else None
 
     def _ids(self, rows: np.ndarray | slice, some: np.ndarray) -> np.ndarray:
         return some if isinstance(rows, slice) else rows[some]

@@ -139,7 +139,7 @@ class _Search(TrialSource):
     """Hands out the trials of all lines in turn, and known outcomes without running them."""
 
     def __init__(self, lines: Sequence[Line], store: Store | None, on_progress: OnProgress | None):
-        self._recall = store.get if store else lambda trial: None
+        self._recall = store.get if store is not None else lambda trial: None
         self.climbs: list[_Climb | _Fixed] = [
             _Climb(line, self._recall) if line.scenario.search else _Fixed(line) for line in lines
         ]
@@ -178,7 +178,7 @@ class _Search(TrialSource):
 
     def report(self, trial: Trial, outcome: Outcome) -> None:
         asked = self._running.pop(trial)
-        if self._store:
+        if self._store is not None:
             self._store.put(trial, outcome, asked[0][0].line.scenario.name)
         for climb, ask in asked:
             climb.report(ask, outcome)

@@ -11,7 +11,7 @@ from surefoot.evaluation import Threshold
 from surefoot.judge import Outcome
 from surefoot.robot import Robot
 from surefoot.scenarios import DIRECTIONS
-from surefoot.tables import by_scenario, capture_point_bound
+from surefoot.tables import by_scenario, capture_point_bound, has_main_directions
 from surefoot.trials import Trial
 
 PUSHES = ("pelvis_push", "pelvis_push_no_step", "torso_push", "thigh_push", "shank_push")
@@ -39,7 +39,7 @@ def flat_figures(
     found = by_scenario(thresholds)
     for name, lines in found.items():
         figures |= _threshold_figures(name, list(lines.values()), robot)
-    if "pelvis_push_no_step" in found:
+    if has_main_directions(found.get("pelvis_push_no_step", {})):
         lines = found["pelvis_push_no_step"]
         figures["pelvis_push_no_step.sagittal"] = min(lines[d].size for d in ("forward", "backward"))
         figures["pelvis_push_no_step.lateral"] = min(lines[d].size for d in ("left", "right"))
@@ -90,7 +90,8 @@ def _noise_figures(found: Mapping[str, Mapping[str, Threshold]]) -> dict[str, fl
         "noise_observation": "noise.observation_share_kept",
         "noise_action": "noise.action_share_kept",
     }
-    return {key: round(share_kept(clean, found[name]), 4) for name, key in keys.items() if name in found}
+    comparable = {name: lines for name, lines in found.items() if lines.keys() <= clean.keys()}
+    return {key: round(share_kept(clean, comparable[name]), 4) for name, key in keys.items() if name in comparable}
 
 
 def _quiet_figures(fixed: Mapping[str, Mapping[Trial, Outcome]]) -> dict[str, float]:
@@ -105,12 +106,12 @@ def _quiet_figures(fixed: Mapping[str, Mapping[Trial, Outcome]]) -> dict[str, fl
 
 
 def _calm(key: str, outcomes: Sequence[Outcome]) -> dict[str, float]:
-    """Largest drift and power and all steps of some trials; one that did not stand to its end makes them infinite."""
+    """Largest drift and power and all steps of some trials; NaN, JSON's null, if one did not stand to its end."""
     drift = max((o.calm_drift for o in outcomes), default=math.nan)
     power = max((o.calm_power for o in outcomes), default=math.nan)
     stood = bool(outcomes) and not any(math.isnan(o.calm_drift) for o in outcomes)
     return {
-        f"{key}.com_drift_m": round(drift, 4) if stood else math.inf,
-        f"{key}.mean_power_W": round(power, 2) if stood else math.inf,
-        f"{key}.steps": sum(o.calm_steps for o in outcomes) if stood else math.inf,
+        f"{key}.com_drift_m": round(drift, 4) if stood else math.nan,
+        f"{key}.mean_power_W": round(power, 2) if stood else math.nan,
+        f"{key}.steps": sum(o.calm_steps for o in outcomes) if stood else math.nan,
     }

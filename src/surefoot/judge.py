@@ -75,10 +75,15 @@ class Outcome:
 
 
 class Judge:
-    """Watches `num_robots` robots and says what became of their trials. Times are ticks since a robot's reset."""
+    """Watches `num_robots` robots and says what became of their trials. Times are ticks since a robot's reset.
 
-    def __init__(self, robot: Robot, num_robots: int):
+    Args:
+        motor_strength: of the robots' world, which makes their torque limits.
+    """
+
+    def __init__(self, robot: Robot, num_robots: int, motor_strength: float = 1.0):
         self.robot = robot
+        self._torque_limit = motor_strength * robot.torque_limit
         self.start = np.zeros(num_robots, np.int64)
         self.end = np.zeros(num_robots, np.int64)
         self._push_end = np.zeros(num_robots, np.int64)
@@ -186,7 +191,7 @@ class Judge:
         torque = np.abs(ticks.joint_torque)
         self._torque_peak[ids] = np.maximum(self._torque_peak[ids], torque.max(axis=1))
         self._speed_peak[ids] = np.maximum(self._speed_peak[ids], np.abs(ticks.joint_velocity).max(axis=1))
-        self._saturated[ids] += (torque >= SATURATED * self.robot.torque_limit).sum(axis=1)
+        self._saturated[ids] += (torque >= SATURATED * self._torque_limit).sum(axis=1)
 
     def _is_quiet(self, ids: np.ndarray) -> np.ndarray:
         """Since the push's end, upright for `QUIET_S`, and over that time as slow on average as a recovered robot."""
@@ -223,7 +228,7 @@ class Judge:
             calm_drift=float(self._calm_drift[robot]) if stood else np.nan,
             calm_power=float(self._calm_work[robot]) * CONTROL_DT / calm_s if stood else np.nan,
             calm_steps=float(sum(step.time >= calm_from for step in did.steps)) if stood else np.nan,
-            torque_ratio=float((torque / self.robot.torque_limit).max()),
+            torque_ratio=float((torque / self._torque_limit).max()),
             speed_ratio=float((speed / self.robot.velocity_limit).max()),
             torque_peaks=tuple(float(torque[columns].max()) for columns in self._groups),
             speed_peaks=tuple(float(speed[columns].max()) for columns in self._groups),

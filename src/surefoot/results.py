@@ -22,7 +22,7 @@ from typing import Any
 import mujoco
 
 import surefoot
-from surefoot import judge, trials
+from surefoot import judge, strategies, trials
 from surefoot.control import Imperfections
 from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
@@ -67,19 +67,30 @@ CREATE TABLE IF NOT EXISTS thresholds (
     UNIQUE (policy, setup, scenario, direction)
 );
 """
+
+
+def _latest(table: str) -> str:
+    """Condition on rows joined with `policies`: of each name the policy and setup that wrote last.
+
+    A policy that was learned anew bears the name of the old one, whose rows are still there.
+    """
+    last = f"SELECT max({table}.rowid) FROM {table} JOIN policies USING (policy) GROUP BY name"
+    return f"(policy, setup) IN (SELECT policy, setup FROM {table} WHERE rowid IN ({last}))"
+
+
 EXPORT_SUFFIXES = (".csv", ".parquet")
 _EXPORTS = {
     "policies": "SELECT * FROM policies",
     "trials": "SELECT name, trials.* FROM trials JOIN policies USING (policy) ORDER BY name, id",
     "thresholds": "SELECT name, thresholds.* FROM thresholds JOIN policies USING (policy) "
-    "ORDER BY name, scenario, angle_rad",
-    "scenarios": "SELECT name, scenarios.* FROM scenarios JOIN policies USING (policy) ORDER BY name, scenario",
+    f"WHERE {_latest('thresholds')} ORDER BY name, scenario, angle_rad",
+    "scenarios": "SELECT name, scenarios.* FROM scenarios JOIN policies USING (policy) "
+    f"WHERE {_latest('scenarios')} ORDER BY name, scenario",
 }
 
 
 Key = tuple[str, str]
 """Digests of a policy and of a setup."""
-_OF_POLICY = "name = ? AND (? IS NULL OR policy = ?) AND (? IS NULL OR setup = ?)"
 
 
 @dataclass(frozen=True)
@@ -101,7 +112,7 @@ class Results:
         path: of the file, or ":memory:".
 
     Raises:
-        UserError: the file is not a results table, or is one of another version; it is left as it is.
+        UserError: the file is not a results table, is damaged, or is one of another version; it is left as it is.
     """
 
     def __init__(self, path: str | Path):
@@ -112,6 +123,9 @@ class Results:
             tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if tables and version != SCHEMA:
                 raise UserError(f"{path} is a results table of version {version}, not {SCHEMA}; give another file")
+            damage = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if damage != "ok":
+                raise UserError(f"cannot use {path} as a results table: {' '.join(damage.split())}")
             self._db.executescript(_TABLES)
             self._db.execute(f"PRAGMA user_version = {SCHEMA}")
             self._db.commit()
@@ -159,22 +173,22 @@ class Results:
         """Name -> (digest, contract as JSON) of every policy in the table."""
         return {name: (digest, text) for digest, name, text in self._db.execute("SELECT * FROM policies")}
 
-    def thresholds_of(self, policy_name: str, key: Key | None = None) -> list[Threshold]:
-        """The thresholds of the policy of this name, as they were found; `key` tells policies of one name apart."""
+    def thresholds_of(self, policy_name: str) -> list[Threshold]:
+        """The thresholds of the policy of this name, as they were found."""
         cursor = self._db.execute(
-            f"SELECT thresholds.* FROM thresholds JOIN policies USING (policy) WHERE {_OF_POLICY}"
-            " ORDER BY scenario, angle_rad",
-            _of_policy(policy_name, key),
+            "SELECT thresholds.* FROM thresholds JOIN policies USING (policy)"
+            f" WHERE name = ? AND {_latest('thresholds')} ORDER BY scenario, angle_rad",
+            (policy_name,),
         )
         return [_threshold(values) for values in _as_dicts(cursor)]
 
-    def fixed_outcomes(self, policy_name: str, key: Key | None = None) -> dict[str, dict[Trial, Outcome]]:
-        """Outcomes of the scenarios in which nothing is searched, by scenario; `key` as for `thresholds_of`."""
+    def fixed_outcomes(self, policy_name: str) -> dict[str, dict[Trial, Outcome]]:
+        """Outcomes of the scenarios in which nothing is searched, by scenario."""
         found: dict[str, dict[Trial, Outcome]] = {}
         stores: dict[Key, TrialStore] = {}
         for policy, setup, name, definition, _ in self._db.execute(
-            f"SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE {_OF_POLICY}",
-            _of_policy(policy_name, key),
+            f"SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ? AND {_latest('scenarios')}",
+            (policy_name,),
         ).fetchall():
             scenario = from_json(json.loads(definition))
             if not scenario.search:
@@ -183,6 +197,14 @@ class Results:
                 asked = [trial for line in scenario.lines() for trial in line.fixed_trials()]
                 found[name] = {trial: outcome for trial in asked if (outcome := known.get(trial))}
         return found
+
+    def evaluated(self) -> list[tuple[Key, str, str]]:
+        """Key, name and contract as JSON of every policy with a finished evaluation, the last one of each name."""
+        rows = self._db.execute(
+            "SELECT DISTINCT policy, setup, name, contract FROM scenarios JOIN policies USING (policy)"
+            f" WHERE {_latest('scenarios')} ORDER BY name"
+        )
+        return [((policy, setup), name, contract) for policy, setup, name, contract in rows]
 
     def outcomes(self, key: Key) -> TrialStore:
         """All outcomes of one policy under one setup."""
@@ -307,7 +329,7 @@ def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
 
 def setup_digest(robot: str) -> str:
     """Names what an outcome depends on beside the policy: robot, physics engine, protocol."""
-    rules = {**vars(judge), **vars(trials)}
+    rules = {**vars(strategies), **vars(judge), **vars(trials)}
     protocol = {name: value for name, value in rules.items() if name.isupper() and name != "NUM_SLOTS"}
     text = f"{load_robot(robot).xml}{mujoco.__version__}{sorted(protocol.items())}"
     return hashlib.sha256(text.encode()).hexdigest()
@@ -346,12 +368,6 @@ def _unusual(value: Any) -> dict[str, Any]:
         if content != (_NO_DEFAULT if field.default is dataclasses.MISSING else field.default):
             found[field.name] = _unusual(content) if dataclasses.is_dataclass(content) else content
     return found
-
-
-def _of_policy(name: str, key: Key | None) -> tuple[str | None, ...]:
-    """Values for `_OF_POLICY`."""
-    policy, setup = key or (None, None)
-    return name, policy, policy, setup, setup
 
 
 def _definition(scenario: Scenario) -> str:

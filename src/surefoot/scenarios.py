@@ -15,7 +15,7 @@ import numpy as np
 from surefoot.control import Imperfections
 from surefoot.disturbance import PUSH_DURATION, Drop, Push
 from surefoot.errors import UserError
-from surefoot.judge import CALM_FROM_S, HORIZON_S, Outcome
+from surefoot.judge import CALM_FROM_S, HORIZON_S, JUDGED_S, Outcome
 from surefoot.robot import World, load_robot
 from surefoot.simulation import CONTROL_HZ, POLICY_DT
 from surefoot.trials import Trial
@@ -139,7 +139,7 @@ class Line:
 
     def _trial(self, seed: int, whole: bool, *, impulse: float | None = None, height: float | None = None, tilt=0.0):
         s = self.scenario
-        along = (round(math.cos(self.angle), 12), round(math.sin(self.angle), 12), 0.0)
+        along = (round(math.cos(self.angle), 12) + 0.0, round(math.sin(self.angle), 12) + 0.0, 0.0)  # never -0.0
         size = s.impulse if impulse is None else impulse
         dropped = s.drop if height is None else height
         first = None
@@ -240,7 +240,7 @@ def suite(name: str) -> tuple[Scenario, ...]:
         raise UserError(f"unknown suite '{name}'; valid: {', '.join(SUITES)}, or a scenario file (.toml)")
     try:
         entries = tomllib.loads(file.read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError) as error:  # not UTF-8, not TOML, or a number of thousands of digits
         raise UserError(f"cannot read {file} as a scenario file: {error}") from error
     unknown = set(entries) - {"scenario"}
     if unknown or not isinstance(entries.get("scenario"), list) or not entries["scenario"]:
@@ -283,7 +283,12 @@ _RANGES: dict[str, tuple[float, float]] = {
 """Valid values of the numbers, both ends included."""
 
 
-def _read(entry: dict[str, Any], where: str) -> Scenario:
+_WHOLE_NUMBERS = ("trials", "physics_hz")
+
+
+def _read(entry: Any, where: str) -> Scenario:
+    if not isinstance(entry, dict):
+        raise UserError(f"{where}: must be a [[scenario]] entry, not {entry}")
     unknown = set(entry) - set(_FIELDS)
     if unknown:
         raise UserError(f"{where}: unknown key{_named(unknown)}; valid: {', '.join(_FIELDS)}")
@@ -304,6 +309,12 @@ def _read(entry: dict[str, Any], where: str) -> Scenario:
         raise UserError(f"{where}: physics_hz must be a multiple of {CONTROL_HZ}, not {scenario.physics_hz}")
     if scenario.calm_from >= scenario.horizon:
         raise UserError(f"{where}: calm_from must be before the horizon, not {scenario.calm_from:g} s")
+    last = scenario.duration + (scenario.gap[1] if scenario.first_impulse else 0.0)
+    if last > scenario.horizon - JUDGED_S:
+        raise UserError(
+            f"{where}: the push may last until {last:g} s, but from {scenario.horizon - JUDGED_S:g} s on "
+            "the robot is judged"
+        )
     return scenario
 
 
@@ -320,7 +331,9 @@ def _value(key: str, value: Any, where: str) -> Any:
         low, high = _RANGES[key]
         if not _is_number(value) or not low <= value <= high:
             raise UserError(f"{where}: {key} must be a number from {low:g} to {high:g}, not {value}")
-        return int(value) if key in ("trials", "physics_hz") else float(value)
+        if key in _WHOLE_NUMBERS and value != int(value):
+            raise UserError(f"{where}: {key} must be a whole number, not {value}")
+        return int(value) if key in _WHOLE_NUMBERS else float(value)
     expected = bool if key in ("without_step", "first_up") else str
     if not isinstance(value, expected):
         raise UserError(f"{where}: {key} must be {'true or false' if expected is bool else 'a text'}, not {value}")
@@ -330,7 +343,7 @@ def _value(key: str, value: Any, where: str) -> Any:
 def _directions(value: Any, where: str) -> Any:
     if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= 360:
         return value
-    if isinstance(value, list) and value and all(_is_number(v) or v in DIRECTIONS for v in value):
+    if isinstance(value, list) and value and all(_is_direction(v) for v in value):
         return tuple(v if isinstance(v, str) else float(v) for v in value)
     raise UserError(
         f"{where}: directions must be how many (1 to 360) or a list of degrees and of {', '.join(DIRECTIONS)}, "
@@ -338,8 +351,14 @@ def _directions(value: Any, where: str) -> Any:
     )
 
 
+def _is_direction(value: Any) -> bool:
+    return value in DIRECTIONS if isinstance(value, str) else (_is_number(value) and abs(value) <= 360.0)
+
+
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    # An integer is finite, however large; `math.isfinite` would have to make a float of it.
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    return whole or (isinstance(value, float) and math.isfinite(value))
 
 
 def _named(names: set[str]) -> str:

@@ -45,7 +45,7 @@ HABIT = 2.0
 LOST_DEG = 45.0
 
 STEP_LENGTH = 0.03
-"""As in `surefoot.trials`, which may import this module [m]."""
+"""Also what tells a recovery without a step from one with (`surefoot.judge`) [m]."""
 LIGHT_FORCE = 20.0
 """Below it a foot carries nothing [N]."""
 LOADED_FORCE = 100.0

@@ -42,7 +42,7 @@ class Table:
         for i, column in enumerate(self.columns):
             table.add_column(escape(column), justify="right" if i else "left")
         for row in self.rows:
-            table.add_row(*row)
+            table.add_row(*map(escape, row))
         return table
 
     def markdown(self) -> str:
@@ -95,6 +95,11 @@ def paper_row(name: str) -> paper.AlgorithmRow | None:
     return paper.TABLE_1.get(name.split("-")[0].split(".")[0])
 
 
+def has_main_directions(lines: Mapping[str, Threshold]) -> bool:
+    """Does a scenario, maybe one of a user's own, have the four that the paper's tables are made of?"""
+    return set(DIRECTIONS) <= set(lines)
+
+
 def worse_of(thresholds: Mapping[str, Threshold], names: Sequence[str]) -> Threshold:
     """The lowest of the named directions."""
     return min((thresholds[name] for name in names), key=lambda t: t.size)
@@ -108,10 +113,11 @@ def all_tables(
     tables: list[Table] = []
     if "pelvis_push" in found:
         tables.append(direction_table(policy.name, thresholds, robot, np.array(policy.contract.nominal_pose)))
+    if has_main_directions(pelvis_pushes(thresholds)):
         tables.append(table_1({policy.contract.training.get("algorithm", policy.name): thresholds}, robot))
     tables.append(table_2(fixed))
     tables.append(table_3(thresholds, robot, steps))
-    if "pelvis_push_no_step" in found:
+    if has_main_directions(found.get("pelvis_push_no_step", {})):
         tables.append(table_4({policy.name: thresholds}, robot))
     tables += table_5(fixed, robot)
     tables.append(quiet_table(fixed))
@@ -169,10 +175,12 @@ def scenario_table(name: str, thresholds: Sequence[Threshold]) -> Table:
 
 
 def table_1(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
-    """Table I: one row per policy, whose pushes at the pelvis must hold the four main directions."""
+    """Table I: one row per policy that was pushed at the pelvis in the four main directions."""
     rows = []
     for name, thresholds in policies.items():
         pushes = pelvis_pushes(thresholds)
+        if not has_main_directions(pushes):
+            continue
         sagittal, lateral = worse_of(pushes, ("forward", "backward")), worse_of(pushes, ("left", "right"))
         row = paper_row(name)
         rows.append(
@@ -234,9 +242,9 @@ def table_3(thresholds: Sequence[Threshold], robot: Robot, steps: Mapping[str, f
     rows = []
     found = by_scenario(thresholds)
     for scenario, theirs in paper.TABLE_3.items():
-        if scenario not in found:
+        lines = found.get(scenario, {})
+        if not has_main_directions(lines):
             continue
-        lines = found[scenario]
         worst = min(lines.values(), key=lambda t: t.size)
         torque = worst.size / worst.line.scenario.duration * theirs.lever
         pairs = [
@@ -272,7 +280,7 @@ def table_4(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
         found = by_scenario(thresholds)
         for scenario, stepping in (("pelvis_push_no_step", "no"), ("pelvis_push", "yes")):
             for words, directions in (("sagittal", ("forward", "backward")), ("lateral", ("left", "right"))):
-                if scenario in found:
+                if has_main_directions(found.get(scenario, {})):
                     size = worse_of(found[scenario], directions).size
                     ours = [f"{size:.0f}", f"{size / robot.mass:.2f}", "", stepping]
                     rows.append([f"{name}, {words}", "Valkyrie", f"{robot.mass:.0f}", *ours])

@@ -141,7 +141,7 @@ class _Arena:
         self.robot: Robot = load_robot(contract.robot)
         nominal = np.array(contract.nominal_pose)
         self.loop = ControlLoop(self.robot, num_slots, nominal, contract.action_scale, num_threads, world)
-        self.judge = Judge(self.robot, num_slots)
+        self.judge = Judge(self.robot, num_slots, world.motor_strength)
         self.trial: list[Trial | None] = [None] * num_slots
         self._arms: dict[tuple[str, float], float] = {}
 
@@ -171,7 +171,8 @@ class _Arena:
                 source.drop(self.finish(slot))
 
     def step(self, slots: np.ndarray) -> tuple[Ticks, dict[int, Outcome]]:
-        ticks = self.loop.step(self.policy(self.loop.observation[slots], slots), slots)
+        everyone = len(slots) == len(self.trial)  # then nothing is copied
+        ticks = self.loop.step(self.policy(self.loop.observation[slots], slots), None if everyone else slots)
         return ticks, self.judge.update(slots, ticks, self.loop.tick[slots], self.loop.simulation.diverged[slots])
 
     def _begin(self, slots: np.ndarray, trials: list[Trial]) -> None:

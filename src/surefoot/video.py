@@ -120,6 +120,23 @@ def push_words(push: Push) -> str:
     return f"{push.impulse:g} Ns {way}{body}"
 
 
+def trial_words(trial: Trial) -> str:
+    """A trial's disturbance in words: "drop from 0.4 m, leaning", "500 Ns up, then 70 Ns forward"."""
+    parts = []
+    if trial.drop:
+        parts.append(f"drop from {trial.drop.height:g} m" + ", leaning" * bool(trial.drop.roll or trial.drop.pitch))
+    parts += [push_words(push) for push in trial.pushes if push.impulse]
+    return ", then ".join(parts) or "no push"
+
+
+def draw_moment(scene: Scene, trial: Trial, moment: Moment) -> np.ndarray:
+    """A picture of a trial's moment with the push that began last, uint8 (height, width, 3)."""
+    first = min(push.start for push in trial.pushes)
+    begun = [push for push in trial.pushes if push.start - first <= moment.time]
+    push = max(begun or [trial.push], key=lambda push: push.start)
+    return scene.draw(dataclasses.replace(moment, time=moment.time - (push.start - first)), push)
+
+
 def filmstrip(
     recordings: Sequence[Recording], times: Sequence[float] = STRIP_TIMES, cell: tuple[int, int] = (260, 320)
 ) -> np.ndarray:
@@ -202,20 +219,38 @@ def save_video(
     Raises:
         UserError: the suffix or the size will not do, the file cannot be written, or there is no OpenGL to draw with.
     """
-    path = _checked(path, VIDEO_SUFFIXES)
-    pictures = frames(recording, fps, size, **options)
+    write_film(path, frames(recording, fps, size, **options), fps, size)
+
+
+def write_film(path: str | Path, pictures: Iterator[np.ndarray], fps: float, size: tuple[int, int]) -> None:
+    """Write pictures, uint8 (height, width, 3), as .mp4 (H.264) or .gif; `size` is their width and height.
+
+    Raises:
+        UserError: the suffix or the size will not do, or the file cannot be written.
+    """
+    check_film(path, size)
+    path = Path(path)
     try:
-        if path.suffix == ".gif":
+        if path.suffix.lower() == ".gif":
             _write_gif(path, pictures, fps)
             return
-        if size[0] % 2 or size[1] % 2:
-            raise UserError(f"an .mp4 cannot have {size[0]} x {size[1]} pixels; valid: even numbers")
         film: Any = imageio.get_writer(path, fps=fps, codec="libx264", quality=8, macro_block_size=2)
         with film:
             for picture in pictures:
                 film.append_data(picture)
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def check_film(path: str | Path, size: tuple[int, int]) -> None:
+    """Raises UserError: a film cannot be written there, or not of this size."""
+    if _checked(path, VIDEO_SUFFIXES).suffix.lower() == ".mp4" and (size[0] % 2 or size[1] % 2):
+        raise UserError(f"an .mp4 cannot have {size[0]} x {size[1]} pixels; valid: even numbers")
+
+
+def check_picture(path: str | Path) -> None:
+    """Raises UserError: a picture cannot be written there."""
+    _checked(path, PICTURE_SUFFIXES)
 
 
 def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: float) -> None:
@@ -242,7 +277,7 @@ def _strip_pictures(recording: Recording, times: Sequence[float], size: tuple[in
     with Scene(recording.robot, *size) as scene:
         for time in times:
             is_over = time > last + 1e-9
-            picture = Image.fromarray(scene.draw(recording.at(time), recording.trial.push))
+            picture = Image.fromarray(draw_moment(scene, recording.trial, recording.at(time)))
             words = f"{outcome.reason}, {outcome.seconds:.2f} s" if is_over else f"{time:g} s"
             _label(picture, (8, 8), words, 17, _verdict_ink(recording) if is_over else _INK)
             yield picture
@@ -251,9 +286,9 @@ def _strip_pictures(recording: Recording, times: Sequence[float], size: tuple[in
 
 
 def _stamped(scene: Scene, recording: Recording, moment: Moment, verdict: bool = False) -> Image.Image:
-    picture = Image.fromarray(scene.draw(moment, recording.trial.push))
+    picture = Image.fromarray(draw_moment(scene, recording.trial, moment))
     unit = picture.height / 480
-    _label(picture, (12 * unit, 12 * unit), push_words(recording.trial.push), 22 * unit, _INK)
+    _label(picture, (12 * unit, 12 * unit), trial_words(recording.trial), 22 * unit, _INK)
     _label(picture, (12 * unit, 48 * unit), recording.policy, 14 * unit, _INK)
     _label(picture, (12 * unit, 400 * unit), f"{moment.time:.2f} s", 22 * unit, _INK)
     if verdict:
@@ -265,7 +300,7 @@ def _stamped(scene: Scene, recording: Recording, moment: Moment, verdict: bool =
 def _write_caption(strip: Image.Image, top: float, recording: Recording) -> None:
     draw, y = ImageDraw.Draw(strip), top + 16
     verdict = [recording.outcome.reason] + ["without a step"] * recording.outcome.without_step
-    lines = [(text, 21, _INK) for text in textwrap.wrap(push_words(recording.trial.push), 14)]
+    lines = [(text, 21, _INK) for text in textwrap.wrap(trial_words(recording.trial), 14)]
     lines += [(text, 18, _verdict_ink(recording)) for text in verdict]
     lines += [(text, 14, _GREY) for text in textwrap.wrap(recording.policy, 20)]
     for text, size, ink in lines:

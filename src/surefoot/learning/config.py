@@ -36,6 +36,9 @@ class TrainConfig:
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
         noise: standard deviation of the calmest and the boldest robot's exploration (DDPG).
         noise_correlation: of that exploration from one policy step to the next.
+        final_noise: share of the exploration left at the end; it falls linearly (TRPO, PPO: the largest deviation).
+        average_steps: policy steps over which the actor's weights are averaged to give the policy that is probed and
+            kept; 0 for the newest weights. Learning goes on from the newest ones.
         mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
         env: the task.
     """
@@ -53,6 +56,8 @@ class TrainConfig:
     log_std: float = 0.0
     noise: tuple[float, float] = (0.1, 0.1)
     noise_correlation: float = 0.0
+    final_noise: float = 1.0
+    average_steps: float = 0.0
     mirror: bool = False
     env: EnvConfig = field(default_factory=EnvConfig)
 
@@ -118,6 +123,12 @@ _FAST_ENV = EnvConfig(
     power_weight=((0.0, 3e-4), (0.6, 3e-4), (0.9, 1e-3)),
     disturbance=DisturbanceConfig(impulse=(40.0, 240.0), first=(0.4, 3.4), interval=(2.4, 4.4), curriculum=0.6),
 )
+# Off-policy learning needs no curriculum, and is worth longer calm between the pushes.
+_FAST_DDPG_ENV = dataclasses.replace(
+    _FAST_ENV,
+    power_weight=((0.0, 3e-4), (0.4, 3e-4), (0.8, 2e-3), (1.0, 3e-3)),
+    disturbance=DisturbanceConfig(impulse=(30.0, 300.0), first=(0.4, 3.4), interval=(2.4, 6.0)),
+)
 _FAST_ON_POLICY = {"n_steps": 32, "gamma": 0.97, "gae_lambda": 0.95}
 _FAST = {
     "trpo": TrainConfig(
@@ -143,6 +154,7 @@ _FAST = {
     ),
     "ddpg": TrainConfig(
         algorithm="ddpg",
+        minutes=20.0,
         num_envs=128,
         critic=(256, 256),
         hyper={
@@ -152,13 +164,16 @@ _FAST = {
             "learning_starts": 6_000,
             "tau": 0.005,
             "gamma": 0.97,
-            "n_steps": 3,
             "train_freq": 1,
             "gradient_steps": 8,
         },
-        noise=(0.02, 0.4),
+        final_learning_rate=0.1,
+        noise=(0.02, 0.25),
+        noise_correlation=0.85,
+        final_noise=0.4,
+        average_steps=40_000.0,
         mirror=True,
-        env=_FAST_ENV,
+        env=_FAST_DDPG_ENV,
     ),
 }
 # For a run of minutes that is to stand still at its end: small pushes, small noise, motion costs more. It learns to

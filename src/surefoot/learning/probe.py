@@ -6,14 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.evaluation import DIRECTIONS, Line, push_lines
+from surefoot.evaluation import DIRECTIONS, push_lines
+from surefoot.judge import Outcome
 from surefoot.policy import Policy
+from surefoot.scenarios import Line
 from surefoot.trials import Trial, run_list
 
 NUM_DIRECTIONS = 8
 SPACING = 5
 """Cells of the grid from one probed impulse to the next: 30 Ns."""
-NUM_IMPULSES = 12
+NUM_IMPULSES = 14
+CALM_CELL = 17
+"""The whole trials that show how calmly a policy stands afterwards: 102 Ns in every direction."""
+CALM_POWER, CALM_DRIFT = 20.0, 0.01
+"""Calm is less than so much mean power [W] and drift of the CoM [m], and no step."""
 FIRST_SEED = 1_000_000
 """Far from the evaluation's seeds, which count from 0."""
 
@@ -23,22 +29,26 @@ class Probe:
     """What the held-out trials say.
 
     Attributes:
-        recovered: share of all of them.
+        recovered: share of all pushes.
         fell: share that ended in a fall.
         rejected: the largest impulse below which nothing failed, by direction name [Ns]: one trial a cell, so a
             glance and not a measurement.
+        calm: share of whole trials after which the robot stood calmly.
+        power: median of the mean power in these from 5 s after the push on [W]; NaN if none stood to its end.
     """
 
     recovered: float
     fell: float
     rejected: dict[str, float]
+    calm: float
+    power: float
 
     @property
     def score(self) -> float:
-        """By which the best policy of a run is kept: all pushes, and the worst direction's without a hole."""
+        """By which a run's best policy is kept: all pushes, worst and mean direction without a hole, and calm."""
         largest = NUM_IMPULSES * SPACING * 6.0
         values = list(self.rejected.values())
-        return self.recovered + (min(values) + float(np.mean(values))) / largest
+        return self.recovered + (min(values) + float(np.mean(values))) / largest + self.calm
 
     def main_directions(self) -> dict[str, float]:
         """Rejected impulses forward, left, backward and right."""
@@ -46,19 +56,28 @@ class Probe:
 
 
 def probe(policy: Policy, num_threads: int = 0) -> Probe:
-    """Run the held-out trials: 8 directions x 12 impulses from 30 to 360 Ns, one trial each."""
+    """Run the held-out trials: 8 directions x 14 impulses from 30 to 420 Ns, one trial each, and 8 whole ones."""
     lines = push_lines(num_directions=NUM_DIRECTIONS)
     trials = {(i, j): _trial(lines[i], i, j) for i in range(NUM_DIRECTIONS) for j in range(NUM_IMPULSES)}
-    outcomes = run_list(policy, trials.values(), num_slots=len(trials), num_threads=num_threads)
-    recovered = np.array(
-        [[outcomes[trials[i, j]].recovered for j in range(NUM_IMPULSES)] for i in range(NUM_DIRECTIONS)]
-    )
+    seeds = range(FIRST_SEED + len(trials), FIRST_SEED + len(trials) + NUM_DIRECTIONS)
+    whole = [line.trial(CALM_CELL, seed, whole=True) for line, seed in zip(lines, seeds, strict=True)]
+    todo = [*whole, *trials.values()]
+    outcomes = run_list(policy, todo, num_slots=len(todo), num_threads=num_threads)
+    pushed = [[outcomes[trials[i, j]] for j in range(NUM_IMPULSES)] for i in range(NUM_DIRECTIONS)]
+    recovered = np.array([[outcome.recovered for outcome in row] for row in pushed])
     unbroken = np.cumprod(recovered, axis=1).sum(axis=1) * SPACING * 6.0
+    stood = [outcomes[trial] for trial in whole if outcomes[trial].recovered]
     return Probe(
         recovered=float(recovered.mean()),
-        fell=float(np.mean([outcome.reason == "fell" for outcome in outcomes.values()])),
+        fell=float(np.mean([outcome.reason == "fell" for row in pushed for outcome in row])),
         rejected={line.name: float(impulse) for line, impulse in zip(lines, unbroken, strict=True)},
+        calm=sum(_is_calm(outcome) for outcome in stood) / NUM_DIRECTIONS,
+        power=float(np.median([outcome.calm_power for outcome in stood])) if stood else float("nan"),
     )
+
+
+def _is_calm(outcome: Outcome) -> bool:
+    return outcome.calm_power < CALM_POWER and outcome.calm_drift < CALM_DRIFT and outcome.calm_steps == 0
 
 
 def _trial(line: Line, direction: int, impulse: int) -> Trial:

@@ -13,6 +13,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBufferSamples
 from stable_baselines3.common.noise import VectorizedActionNoise
 from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.td3.policies import Actor, TD3Policy
 from torch import nn
@@ -199,11 +200,62 @@ class DeterministicPolicy(TD3Policy):
         return actor
 
 
-class WarmDDPG(DDPG):
-    """DDPG whose first transitions come from its own first policy and noise, not from uniform random actions."""
+class SmoothDDPG(DDPG):
+    """DDPG that begins with its own first policy instead of random actions, and likes smooth actors.
+
+    Conditioning for action policy smoothness, Mysore et al. 2021: the actor's loss grows with the squared change of
+    the action from one policy step to the next, and with its change under a little noise on the observation. It is
+    steep actors that rock and step on the spot.
+
+    Args:
+        smoothness: weight of both; 0 for plain DDPG.
+    """
+
+    NEARBY = 0.1
+    """Deviation of that noise, of normalised observations."""
+
+    def __init__(self, *args: Any, smoothness: float = 0.0, **kwargs: Any):
+        super().__init__(*args, **kwargs)
+        self.smoothness = smoothness
 
     def _sample_action(self, learning_starts: int, *args: Any, **kwargs: Any) -> tuple[np.ndarray, np.ndarray]:
         return super()._sample_action(0, *args, **kwargs)
+
+    def train(self, gradient_steps: int, batch_size: int = 100) -> None:
+        if not self.smoothness:
+            super().train(gradient_steps, batch_size)
+            return
+        self.policy.set_training_mode(True)
+        self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
+        assert self.replay_buffer is not None
+        for _ in range(gradient_steps):
+            batch = self.replay_buffer.sample(batch_size)
+            self._descend(self.critic.optimizer, self._critic_loss(batch))
+            self._descend(self.actor.optimizer, self._actor_loss(batch))
+            polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
+            polyak_update(self.actor.parameters(), self.actor_target.parameters(), self.tau)
+        self._n_updates += gradient_steps
+
+    def _critic_loss(self, batch: ReplayBufferSamples) -> torch.Tensor:
+        discount = self.gamma if batch.discounts is None else batch.discounts
+        with torch.no_grad():
+            (value,) = self.critic_target(batch.next_observations, self.actor_target(batch.next_observations))
+            target = batch.rewards + (1.0 - batch.dones) * discount * value
+        (estimate,) = self.critic(batch.observations, batch.actions)
+        return nn.functional.mse_loss(estimate, target)
+
+    def _actor_loss(self, batch: ReplayBufferSamples) -> torch.Tensor:
+        nearby = batch.observations + self.NEARBY * torch.randn_like(batch.observations)
+        action, later, other = self.actor(torch.cat([batch.observations, batch.next_observations, nearby])).chunk(3)
+        later = torch.where(batch.dones > 0, action, later)
+        change = ((action - later) ** 2).sum(dim=1) + ((action - other) ** 2).sum(dim=1)
+        return (self.smoothness * change - self.critic.q1_forward(batch.observations, action)[:, 0]).mean()
+
+    @staticmethod
+    def _descend(optimizer: torch.optim.Optimizer, loss: torch.Tensor) -> None:
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
 
 
 class ExplorationNoise(VectorizedActionNoise):
@@ -216,17 +268,21 @@ class ExplorationNoise(VectorizedActionNoise):
         std: stationary, of the calmest and of the boldest robot; the others lie evenly between them on a logarithmic
             scale, so that the replay buffer holds both fine standing and wild recoveries.
         correlation: of one policy step with the next; 0 for white noise.
+
+    Attributes:
+        scale: what all deviations are multiplied by.
     """
 
     def __init__(self, shape: tuple[int, int], std: tuple[float, float], correlation: float, rng: np.random.Generator):
         self.shape, self.rng, self.correlation = shape, rng, correlation
         self.std = np.geomspace(*std, shape[0])[:, None]
-        self._noise = self.std * rng.standard_normal(shape)
+        self.scale = 1.0
+        self._noise = rng.standard_normal(shape)
 
     def __call__(self) -> np.ndarray:
-        fresh = self.std * self.rng.standard_normal(self.shape)
+        fresh = self.rng.standard_normal(self.shape)
         self._noise = self.correlation * self._noise + np.sqrt(1.0 - self.correlation**2) * fresh
-        return self._noise.astype(np.float32)
+        return (self.scale * self.std * self._noise).astype(np.float32)
 
     def reset(self, indices: Any = None) -> None:
         """The process goes on across episodes: it is stationary."""
@@ -287,6 +343,20 @@ def actor_layers(model: BaseAlgorithm) -> Layers:
     return _unfold(_linear_layers(network.network), *policy._mirrors)
 
 
+def limit_exploration(model: BaseAlgorithm, log_std: float, share: float) -> None:
+    """Leave a share of the exploration: of DDPG's noise, or of the largest deviation that a Gaussian policy may have.
+
+    Args:
+        log_std: logarithm of the Gaussian policy's initial deviation.
+    """
+    noise = getattr(model, "action_noise", None)
+    if isinstance(noise, ExplorationNoise):
+        noise.scale = share
+    elif isinstance(model.policy, GaussianPolicy) and share < 1.0:
+        with torch.no_grad():
+            model.policy.log_std.clamp_(max=log_std + float(np.log(share)))
+
+
 def _linear_layers(network: nn.Module) -> Layers:
     return [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in _linear(network)]
 
@@ -307,4 +377,4 @@ def _unfold(layers: Layers, for_observation: Mirror, for_action: Mirror) -> Laye
     return wide
 
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": WarmDDPG}
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": SmoothDDPG}

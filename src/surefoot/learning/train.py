@@ -34,6 +34,7 @@ from surefoot.learning.sb3 import (
     MirroredReplayBuffer,
     SB3VecEnv,
     actor_layers,
+    limit_exploration,
 )
 from surefoot.policy import Contract, NetworkPolicy, network_bytes
 
@@ -92,6 +93,8 @@ class Trainer:
         self.rng = np.random.default_rng(config.seed)
         self.model = make_model(config, self.venv, self.rng, self._learning_rate)
         self._seconds_before = 0.0
+        self._average = actor_layers(self.model)
+        self._averaged_steps = 0
         if resume:
             self._restore()
 
@@ -124,6 +127,18 @@ class Trainer:
         p.episode_length = float(np.mean(lengths)) if lengths else 0.0
         self.env.set_progress(p.share)
 
+    def advance(self) -> None:
+        """Between two rollouts: what changes with the share of the training done, and the averaged actor."""
+        config = self.config
+        limit_exploration(self.model, config.log_std, 1.0 - (1.0 - config.final_noise) * self.progress.share)
+        if config.average_steps:
+            steps = self.model.num_timesteps - self._averaged_steps
+            newest = 1.0 - np.exp(-steps / config.average_steps)
+            for averaged, layer in zip(self._average, actor_layers(self.model), strict=True):
+                for old, new in zip(averaged, layer, strict=True):
+                    old += newest * (new - old)
+            self._averaged_steps = self.model.num_timesteps
+
     def keep(self) -> None:
         """Probe the policy, keep it if it is the best, and write a checkpoint."""
         self.clock()
@@ -146,7 +161,8 @@ class Trainer:
         contract = Contract.of(self.env.robot, self.config.env.pose, self.config.env.action_scale, self._record())
         normalise = self.venv.normalise
         squash = isinstance(self.model, OffPolicyAlgorithm)
-        return network_bytes(actor_layers(self.model), normalise.mean, normalise.std, squash, contract)
+        layers = self._average if self.config.average_steps else actor_layers(self.model)
+        return network_bytes(layers, normalise.mean, normalise.std, squash, contract)
 
     def _record(self) -> dict[str, Any]:
         p, config = self.progress, self.config
@@ -167,6 +183,8 @@ class Trainer:
             "steps": self.progress.steps,
             "recovered": found.recovered,
             "fell": found.fell,
+            "calm": found.calm,
+            "calm_power": found.power,
             **found.main_directions(),
             "episode_length": self.progress.episode_length,
             "episode_return": float(np.mean(returns)) if returns else 0.0,
@@ -180,13 +198,18 @@ class Trainer:
             "noise_generator": self.rng.bit_generator.state,
             "env_generator": self.env.generator.bit_generator.state,
             "torch_generator": torch.get_rng_state(),
+            "average": [list(layer) for layer in self._average],
         }
 
     def _restore(self) -> None:
         parameters, state = self.folder.load_checkpoint()
         self.model.set_parameters(parameters)  # type: ignore[arg-type]
         self.model.num_timesteps = state["steps"]
+        if isinstance(self.model, OffPolicyAlgorithm):  # its replay buffer was not kept and is filled anew first
+            self.model.learning_starts += state["steps"]
         self.best_score = state["best_score"]
+        self._average = [(weight, bias) for weight, bias in state["average"]]
+        self._averaged_steps = state["steps"]
         self._seconds_before = self.progress.seconds = state["seconds"]
         self.rng.bit_generator.state = state["noise_generator"]
         self.venv.seed(None)
@@ -236,6 +259,7 @@ class _Watch(BaseCallback):
     def _on_rollout_start(self) -> None:
         trainer, now = self.trainer, time.monotonic()
         trainer.clock()
+        trainer.advance()
         if now - self._kept > PROBE_S:
             trainer.keep()
             self._kept = self._logged = time.monotonic()

@@ -81,7 +81,7 @@ def share_kept_table(evaluations: Sequence[Evaluation]) -> Table:
 def _share(evaluation: Evaluation, name: str) -> str:
     found = by_scenario(evaluation.thresholds)
     clean, disturbed = found.get("pelvis_push", {}), found.get(name, {})
-    if not disturbed or not set(disturbed) <= set(clean):
+    if not disturbed or not disturbed.keys() <= clean.keys():
         return ""
     return f"{share_kept(clean, disturbed):.0%}"
 
@@ -107,8 +107,8 @@ def limits_table(thresholds: Sequence[Threshold]) -> Table:
         ("landing_tilt", None, "tilt, dropped from 0.4 m", paper.LANDING_TILT),
         ("combined", None, "push after a lift of 500 Ns", paper.COMBINED[1]),
     ):
-        if scenario in found:
-            lines = found[scenario]
+        lines = found.get(scenario, {})
+        if lines and (directions is None or tables.has_main_directions(lines)):
             worst = worse_of(lines, directions or list(lines))
             rows.append([words, f"{worst.size:g}", f"{theirs:g}", worst.line.scenario.unit, *_interval(worst)])
     columns = ["", "ours", "paper", "unit", "recovered", "Wilson 95 %"]
@@ -125,7 +125,7 @@ def robustness_table(thresholds: Sequence[Threshold]) -> Table:
         if not lines:
             continue
         worst = worse_of(lines, list(lines))
-        kept = f"{share_kept(clean, lines):.0%}" if set(lines) <= set(clean) else ""
+        kept = f"{share_kept(clean, lines):.0%}" if lines.keys() <= clean.keys() else ""
         sizes = [f"{lines[d].size:g}" if d in lines else "" for d in DIRECTIONS]
         rows.append([_words(scenario.name), *sizes, kept, *_interval(worst)])
     columns = ["condition", *DIRECTIONS, "kept", "recovered", "Wilson 95 %"]

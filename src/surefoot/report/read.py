@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +78,7 @@ class Evaluation:
     @property
     def has_main_directions(self) -> bool:
         """Were pushes at the pelvis searched in the four main directions?"""
-        return set(tables.DIRECTIONS) <= set(tables.pelvis_pushes(self.thresholds))
+        return tables.has_main_directions(tables.pelvis_pushes(self.thresholds))
 
     @property
     def worst(self) -> float:
@@ -96,33 +96,19 @@ def read_evaluations(files: Sequence[str | Path]) -> list[Evaluation]:
     found: dict[Key, Evaluation] = {}
     for file in files:
         with open_results(file) as results:
-            for policy, setup, name, contract in _keys(results):
-                if (policy, setup) in found:
-                    raise UserError(f"{name} (digest {policy[:12]}) is in two of the results tables: {file} repeats it")
-                found[policy, setup] = _evaluation(results, (policy, setup), name, Contract.from_json(contract))
+            for key, name, contract in results.evaluated():
+                if key in found:
+                    raise UserError(f"{name} (digest {key[0][:12]}) is in two of the results tables: {file} repeats it")
+                found[key] = _evaluation(results, key, name, Contract.from_json(contract))
     if not found:
         raise UserError(f"no finished evaluation in {', '.join(map(str, files))}; run surefoot evaluate first")
-    return list(found.values())
-
-
-def _keys(results: Results) -> list[tuple[str, str, str, str]]:
-    """Policy, setup, a name that is the policy's alone, and contract."""
-    rows = results.query(
-        "SELECT DISTINCT policy, setup, name, contract FROM scenarios JOIN policies USING (policy) ORDER BY name"
-    )
-    names = [row["name"] for row in rows]
-    keys = []
-    for row in rows:
-        alone = names.count(row["name"]) == 1
-        name = row["name"] if alone else f"{row['name']} ({row['policy'][:6]}, setup {row['setup'][:6]})"
-        keys.append((row["policy"], row["setup"], name, row["contract"]))
-    return keys
+    names = [e.name for e in found.values()]
+    return [e if names.count(e.name) == 1 else replace(e, name=f"{e.name} ({e.key[0][:6]})") for e in found.values()]
 
 
 def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Evaluation:
-    (stored_name,) = results.query("SELECT name FROM policies WHERE policy = ?", key[0])
-    thresholds = sorted(results.thresholds_of(stored_name["name"], key), key=lambda t: _place(t.line.scenario.name))
-    fixed = dict(sorted(results.fixed_outcomes(stored_name["name"], key).items(), key=lambda item: _place(item[0])))
+    thresholds = sorted(results.thresholds_of(name), key=lambda t: _place(t.line.scenario.name))
+    fixed = dict(sorted(results.fixed_outcomes(name).items(), key=lambda item: _place(item[0])))
     store = results.outcomes(key)
     versions = results.query("SELECT DISTINCT surefoot, mujoco FROM trials WHERE policy = ? AND setup = ?", *key)
     (wall,) = results.query(

@@ -1,0 +1,1 @@
+"""The live page: robots that anyone can push by hand in a browser."""

@@ -1,0 +1,78 @@
+"""Clip: the last seconds of a played robot as a film, drawn without any browser."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.disturbance import Push
+from surefoot.errors import UserError
+from surefoot.robot import Robot
+from surefoot.scene import Moment, Scene
+from surefoot.simulation import POLICY_DT, POLICY_HZ
+from surefoot.video import write_film
+from surefoot.viewer.session import Session
+
+SECONDS = 8.0
+SIZE = (640, 480)
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A moment, and its robot's last push as one of 40 ms with the same end, from whose start the time counts [s]."""
+
+    moment: Moment
+    push: Push | None
+
+
+class ClipRecorder:
+    """Keeps the last `SECONDS` of one robot."""
+
+    def __init__(self) -> None:
+        self._shots: deque[Shot] = deque(maxlen=round(SECONDS * POLICY_HZ))
+
+    def clear(self) -> None:
+        self._shots.clear()
+
+    def add(self, session: Session, robot: int) -> None:
+        """Remember the last tick of the session's last step."""
+        since, pushes = min(((float(session.since(p, -1)[robot]), p) for p in session.pushes), key=lambda pair: pair[0])
+        strength = float(np.linalg.norm(pushes.force[robot]))
+        push = None
+        if since < np.inf and strength > 1.0:
+            direction = tuple((pushes.force[robot] / strength).tolist())
+            body = _pushable(session.robot, int(pushes.body[robot]))
+            push = Push(body, direction, strength * POLICY_DT, duration=POLICY_DT)
+        moment = dataclasses.replace(Moment.of(session.ticks, robot), time=max(since + POLICY_DT, 0.0))
+        self._shots.append(Shot(moment, push))
+
+    def shots(self) -> tuple[Shot, ...]:
+        return tuple(self._shots)
+
+
+def save_clip(path: Path, robot: Robot, shots: tuple[Shot, ...]) -> None:
+    """Write what was recorded as .mp4 or .gif, in real time.
+
+    Raises:
+        UserError: there is nothing to write, no OpenGL to draw with, or the file cannot be written.
+    """
+    if not shots:
+        raise UserError("nothing has been recorded yet")
+
+    def pictures() -> Iterator[np.ndarray]:
+        with Scene(robot, *SIZE) as scene:
+            for shot in shots:
+                yield scene.draw(shot.moment, shot.push)
+
+    write_film(path, pictures(), POLICY_HZ, SIZE)
+
+
+def _pushable(robot: Robot, body: int) -> str:
+    """The name of a body, or of the next pushable one above it in the tree (body ids count downwards)."""
+    names = {number: name for name, number in robot.body_ids.items()}
+    return next(names[number] for number in range(body, 0, -1) if number in names)

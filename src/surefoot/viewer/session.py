@@ -1,0 +1,246 @@
+"""Session: robots that live on while somebody pushes, drags, drops and resets them. Knows nothing of any page."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from surefoot.control import ControlLoop, Imperfections
+from surefoot.disturbance import PUSH_DURATION, Push, Pushes
+from surefoot.errors import UserError
+from surefoot.policy import Policy
+from surefoot.robot import load_robot
+from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Ticks
+from surefoot.strategies import StrategyWatch
+from surefoot.trials import JOINT_NOISE
+from surefoot.viewer.verdict import State, Verdicts
+
+MAX_ROBOTS = 64
+LIFT = Push("pelvis", (0.0, 0.0, 1.0), impulse=500.0)
+"""The paper lifts the robot by 500 Ns, then pushes it in the air (section V)."""
+AIRBORNE_S = 0.2
+"""From the end of the lift to the push [s]: the robot is in the air then."""
+PAPER_NOISE = Imperfections(observation_noise=0.5, action_noise=0.1)
+"""Section V-D of the paper: on the observation at 500 Hz before its filter, and on the joint targets [rad]."""
+DOWN_S = 2.0
+"""A fallen robot that stands up again by itself does so after that time [s]."""
+FRICTION = 1.0
+_NEVER = np.iinfo(np.int64).max
+
+
+class Session:
+    """N robots under one policy, one policy step at a time.
+
+    Args:
+        policy: what moves them.
+        num_robots: 1 to `MAX_ROBOTS`.
+        seed: of start angles and noise.
+
+    Attributes:
+        verdicts: states and counts.
+        noise: share of the paper's noise on observation and joint targets.
+        friction: of floor and robot, sliding.
+        stands_up: do fallen robots stand up again after `DOWN_S`?
+        message: what went wrong last, for the user; the reader empties it.
+        num_steps: policy steps so far.
+        ticks: of the last policy step; one tick only before the first.
+
+    Raises:
+        UserError: another number of robots.
+    """
+
+    def __init__(self, policy: Policy, num_robots: int = 1, seed: int = 0, num_threads: int = 0):
+        if not 1 <= num_robots <= MAX_ROBOTS:
+            raise UserError(f"the number of robots must be 1 to {MAX_ROBOTS}, not {num_robots}")
+        contract = policy.contract
+        self.policy = policy
+        self.robot = load_robot(contract.robot)
+        self.num_robots = num_robots
+        self.loop = ControlLoop(
+            self.robot, num_robots, np.array(contract.nominal_pose), contract.action_scale, num_threads
+        )
+        self.verdicts = Verdicts(num_robots)
+        self.noise = 0.0
+        self.friction = FRICTION
+        self.stands_up = True
+        self.message = ""
+        self.num_steps = 0
+        self.everyone = np.arange(num_robots)
+        self._watch = StrategyWatch(self.robot, num_robots)
+        self._begin = np.full(num_robots, _NEVER)
+        self._told = [""] * num_robots
+        self._rng = np.random.default_rng(seed)
+        self._geom_friction: np.ndarray | None = None
+        self._pulls: dict[int, tuple[int, np.ndarray]] = {}
+        self.ticks = self.reset()
+
+    # What a user does.
+
+    def reset(self, ids: np.ndarray | None = None, height: float = 0.0) -> Ticks:
+        """Put robots `ids` (all without it) back to their place, `height` [m] above the floor; returns one tick."""
+        ids = self.everyone if ids is None else ids
+        noise = self._rng.uniform(-JOINT_NOISE, JOINT_NOISE, (len(ids), self.robot.num_joints))
+        joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
+        start = self.loop.reset(ids, joints, height=height)
+        self.policy.reset(ids)
+        self._spoil(ids)
+        self.verdicts.reset(ids)
+        self._watch.reset(ids, start)
+        self._begin[ids] = _NEVER
+        for robot in ids.tolist():
+            self._pulls.pop(robot, None)
+            self._told[robot] = ""
+        return start
+
+    def push(self, push: Push, ids: np.ndarray | None = None) -> None:
+        """Push robots `ids` (all without it) `push.start` seconds from now, instead of what pushes them then."""
+        self._schedule(self.loop.pushes, self.everyone if ids is None else ids, push)
+
+    def lift_and_push(self, push: Push, lift: Push = LIFT) -> None:
+        """Lift all robots off the ground, and push them while they are in the air."""
+        self._schedule(self.loop.first_pushes, self.everyone, lift)
+        after = lift.start + lift.duration + AIRBORNE_S
+        self.push(dataclasses.replace(push, start=after))
+
+    def drop(self, height: float) -> None:
+        """Let all robots fall from `height` [m] above the floor."""
+        self.reset(height=height)
+        self._disturb(self.everyone, self.loop.tick, self.loop.tick)
+
+    def pull(self, robot: int, body: int, force: np.ndarray) -> None:
+        """Hold a body (MuJoCo id) of one robot by a force (3,) [N] at its CoM until `release`."""
+        self._pulls[robot] = body, np.asarray(force, float)
+
+    def release(self, robot: int) -> None:
+        """Let go of a robot."""
+        self._pulls.pop(robot, None)
+
+    def set_noise(self, share: float) -> None:
+        """A share of the paper's noise from now on."""
+        self.noise = share
+        self._spoil(self.everyone)
+
+    def set_policy(self, policy: Policy) -> None:
+        """Go on with another policy for the same robot, in the middle of whatever is happening.
+
+        Raises:
+            UserError: it is for another robot.
+        """
+        if policy.contract.robot != self.robot.name:
+            raise UserError(f"{policy.name} is for {policy.contract.robot}, not {self.robot.name}")
+        self.policy = policy
+        self.loop.nominal = np.array(policy.contract.nominal_pose)
+        self.loop.action_scale = policy.contract.action_scale
+        policy.reset(self.everyone)
+        self.verdicts.clear_counts()
+
+    def set_friction(self, friction: float) -> None:
+        """Sliding friction coefficient between every two bodies."""
+        if self._geom_friction is None:
+            self._geom_friction = self.loop.simulation.batch.expand("geom_friction")
+        self.friction = friction
+        self._geom_friction[..., 0] = friction
+
+    # What time does.
+
+    def step(self) -> Ticks:
+        """One policy step of all robots: their ticks, in a buffer that the next step overwrites."""
+        self._hold()
+        self.ticks = self.loop.step(self._act())
+        self.num_steps += 1
+        diverged = self.loop.simulation.diverged
+        self._recognise(diverged)
+        if diverged.any():
+            self.message = f"the simulation of {int(diverged.sum())} robots became unstable; they start anew"
+            self.reset(np.flatnonzero(diverged))
+        elif self.stands_up:
+            down = (self.verdicts.state == State.FELL) & (self.verdicts.since > DOWN_S)
+            if down.any():
+                self.reset(np.flatnonzero(down))
+        return self.ticks
+
+    @property
+    def pushes(self) -> tuple[Pushes, Pushes]:
+        """What acts on the robots: hands and lifts, and pushes."""
+        return self.loop.first_pushes, self.loop.pushes
+
+    def since(self, pushes: Pushes, tick: int) -> np.ndarray:
+        """At a tick of the last step, time since the end of each robot's push (num_robots,) [s].
+
+        Negative while it lasts; infinite before it and without one.
+        """
+        now = self.loop.tick - len(self.ticks) + tick % len(self.ticks)
+        return np.where(now >= pushes.start, (now - pushes.end) / CONTROL_HZ, np.inf)
+
+    @property
+    def is_held(self) -> np.ndarray:
+        """Who is held by a hand, bool (num_robots,)."""
+        return np.isin(self.everyone, list(self._pulls))
+
+    def strategies(self, robot: int) -> str:
+        """How a robot keeps its balance since its disturbance began, or did at the last one, in words."""
+        if self.verdicts.state[robot] in (State.RECOVERING, State.FELL):
+            return _words(self._watch, robot)
+        return self._told[robot]
+
+    def is_pushed(self) -> bool:
+        """Is any push under way or to come?"""
+        none = np.iinfo(np.int64).max
+        return any(bool(((self.loop.tick < p.end) & (p.end < none)).any()) for p in self.pushes)
+
+    def _disturb(self, ids: np.ndarray, begin: np.ndarray, over: np.ndarray) -> None:
+        """Robots `ids` (n,) are disturbed between these ticks (n,) since their reset."""
+        self._begin[ids] = np.minimum(self._begin[ids], begin)
+        self.verdicts.disturb(ids, over)
+
+    def _recognise(self, diverged: np.ndarray) -> None:
+        """Strategies and verdicts of the last step."""
+        numbers = self.loop.tick[:, None] - TICKS_PER_STEP + np.arange(TICKS_PER_STEP)
+        self._watch.update(self.everyone, self.ticks, numbers >= self._begin[:, None])
+        before = self.verdicts.state.copy()
+        self.verdicts.update(self.ticks, self.loop.tick, diverged)
+        recovered = np.flatnonzero((self.verdicts.state == State.RECOVERED) & (before != State.RECOVERED))
+        if len(recovered):
+            for robot in recovered.tolist():
+                self._told[robot] = _words(self._watch, robot) or "without any strategy worth a name"
+            last = Ticks(self.robot, self.loop.simulation.layout, self.ticks.record[recovered, -1:])
+            self._watch.reset(recovered, last)
+            self._begin[recovered] = _NEVER
+
+    def _hold(self) -> None:
+        """What hands pull at in the next step."""
+        seconds = TICKS_PER_STEP / CONTROL_HZ
+        for robot, (body, force) in self._pulls.items():
+            ids, now = np.array([robot]), self.loop.tick[[robot]]
+            self.loop.first_pushes.schedule(ids, np.array([body]), force * seconds, now, seconds)
+            self._disturb(ids, now, now + TICKS_PER_STEP)
+
+    def _schedule(self, pushes: Pushes, ids: np.ndarray, push: Push) -> None:
+        body = np.full(len(ids), self.robot.body_id(push.body))
+        begin = self.loop.tick[ids] + round(push.start * CONTROL_HZ)
+        pushes.schedule(ids, body, push.impulse * np.array(push.direction), begin, push.duration)
+        self._disturb(ids, begin, begin + round(push.duration * CONTROL_HZ))
+
+    def _spoil(self, ids: np.ndarray) -> None:
+        imperfections = Imperfections(self.noise * PAPER_NOISE.observation_noise, self.noise * PAPER_NOISE.action_noise)
+        for robot in ids.tolist():
+            self.loop.spoil(robot, imperfections, int(self._rng.integers(2**31)))
+
+    def _act(self) -> np.ndarray:
+        actions = np.asarray(self.policy(self.loop.observation, self.everyone), float)
+        if not np.isfinite(actions).all():
+            self.message = f"policy {self.policy.name} returned numbers that are not finite; its nominal pose holds"
+            actions = np.where(np.isfinite(actions), actions, 0.0)
+        return actions
+
+
+def _words(watch: StrategyWatch, robot: int) -> str:
+    words = str(watch.strategies(robot))
+    return "" if words == "none" else words
+
+
+def horizontal_push(body: str, angle_deg: float, impulse: float, duration: float = PUSH_DURATION) -> Push:
+    """A horizontal push; angle from forward (+x), counter-clockwise [deg]."""
+    angle = np.radians(angle_deg)
+    return Push(body, (float(np.cos(angle)), float(np.sin(angle)), 0.0), impulse, 0.0, duration)

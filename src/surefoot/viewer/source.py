@@ -1,0 +1,103 @@
+"""Source: where the policy that is played comes from, and whether it has become better meanwhile."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from surefoot.errors import UserError
+from surefoot.policy import SUFFIX, NominalPolicy, Policy, load_policy, shipped_policies
+
+NOMINAL = "nominal"
+_CHECKPOINTS = (f"last{SUFFIX}", f"best{SUFFIX}")
+"""What a run folder offers: the newest first."""
+
+
+class PolicySource:
+    """A shipped policy, "nominal", a policy file, or a run folder whose newest checkpoint is followed.
+
+    Args:
+        name: as a user gives it.
+
+    Attributes:
+        policy: the newest; the nominal pose while a run has none yet.
+        is_waiting: a run that has no checkpoint yet.
+
+    Raises:
+        UserError: there is no such policy, or it cannot be run.
+    """
+
+    def __init__(self, name: str):
+        self.name = name
+        self.is_waiting = False
+        self._path = None if name == NOMINAL or name in shipped_policies() else Path(name)
+        self._seen = self._stamp()
+        self.policy = self._load()
+
+    def refresh(self) -> bool:
+        """Read the policy again if its file has changed; was there news?
+
+        Raises:
+            UserError: the new file cannot be run; the old policy stays.
+        """
+        stamp = self._stamp()
+        if stamp == self._seen:
+            return False
+        self._seen = stamp
+        self.policy = self._load()
+        return True
+
+    @property
+    def description(self) -> str:
+        """How the policy was learned, in a line."""
+        if self.is_waiting:
+            return "waiting for the first checkpoint"
+        training = self.policy.contract.training
+        if not training:
+            return "no learning: the joints hold their nominal pose" if self.name == NOMINAL else ""
+        steps = training.get("policy_steps")
+        parts = [
+            str(training.get("algorithm", "")),
+            f"preset {training['preset']}" if "preset" in training else "",
+            f"{steps / 1e6:.2g} million steps" if isinstance(steps, int | float) else "",
+            f"{training['minutes']:.0f} min" if isinstance(training.get("minutes"), int | float) else "",
+        ]
+        return ", ".join(part for part in parts if part)
+
+    def _file(self) -> Path | None:
+        if self._path is None or not self._path.is_dir():
+            return self._path
+        return next((self._path / name for name in _CHECKPOINTS if (self._path / name).exists()), None)
+
+    def _stamp(self) -> tuple[Path, int] | None:
+        try:
+            file = self._file()
+            return (file, file.stat().st_mtime_ns) if file else None
+        except OSError:
+            return None
+
+    def _load(self) -> Policy:
+        if self.name == NOMINAL:
+            return NominalPolicy()
+        file = self._file()
+        self.is_waiting = file is None and self._path is not None and (self._path / "config.json").exists()
+        if self.is_waiting:
+            return NominalPolicy()
+        policy = load_policy(file or self.name)
+        if file and self._path and self._path.is_dir():
+            policy.name = self._path.name
+        return policy
+
+
+def offered_policies(runs: Path, *more: str) -> tuple[str, ...]:
+    """Names to choose from: shipped ones, the nominal pose, run folders below `runs`, and `more`."""
+    folders: list[str] = []
+    if runs.is_dir():
+        folders = sorted(str(path) for path in runs.iterdir() if (path / "config.json").exists())
+    return tuple(dict.fromkeys([*shipped_policies(), NOMINAL, *folders, *more]))
+
+
+def check_offered(name: str) -> PolicySource:
+    """The source of that name; an empty name is refused like any other that is none."""
+    if not name.strip():
+        raise UserError("no policy given; valid: a shipped policy's name, a policy file, a run folder")
+    return PolicySource(name.strip())

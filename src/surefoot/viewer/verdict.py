@@ -1,0 +1,87 @@
+"""Verdict: is a robot that somebody pushes at will standing, recovering, recovered or fallen? And how often so far.
+
+The words are those of a trial (`docs/method.md`), except that nobody waits for ten seconds: a robot has recovered once
+it has been upright and slow for 2 s, as in the trials that are not judged whole.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+from surefoot.judge import HORIZON_S, MAX_COM_SPEED, MAX_TILT_DEG, QUIET_S
+from surefoot.simulation import CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP, Ticks
+
+
+class State(IntEnum):
+    """What a robot is doing."""
+
+    STANDING = 0
+    RECOVERING = 1
+    RECOVERED = 2
+    FELL = 3
+    RESTLESS = 4
+    """Ten seconds after the disturbance it is up, but does not stand still."""
+
+
+class Verdicts:
+    """The states of N robots and the count of what became of them.
+
+    Attributes:
+        state: of each robot, `State` (N,).
+        since: seconds that each robot has been in it (N,).
+        recovered, fallen: disturbances that ended so.
+    """
+
+    def __init__(self, num_robots: int):
+        self.state = np.full(num_robots, State.STANDING)
+        self.since = np.zeros(num_robots)
+        self.recovered = 0
+        self.fallen = 0
+        self._over = np.zeros(num_robots, np.int64)
+        self._upright_steps = np.zeros(num_robots, np.int64)
+        self._speed = np.zeros((num_robots, round(QUIET_S * POLICY_HZ)))
+        self._num_steps = 0
+
+    def reset(self, ids: np.ndarray) -> None:
+        """Robots `ids` (n,) stand anew; what they were recovering from does not count."""
+        self._set(ids, State.STANDING)
+        self._upright_steps[ids] = 0
+        self._over[ids] = 0
+
+    def disturb(self, ids: np.ndarray, over: np.ndarray) -> None:
+        """Robots `ids` (n,) are disturbed until the ticks `over` (n,) since their reset; the fallen stay fallen."""
+        up = self.state[ids] != State.FELL
+        ids, over = ids[up], over[up]
+        self._over[ids] = over
+        self._set(ids[self.state[ids] != State.RECOVERING], State.RECOVERING)
+
+    def clear_counts(self) -> None:
+        self.recovered = self.fallen = 0
+
+    def update(self, ticks: Ticks, tick: np.ndarray, diverged: np.ndarray) -> None:
+        """Judge the last policy step (N, TICKS_PER_STEP, ...) of all robots; `tick` (N,) is its end."""
+        self.since += TICKS_PER_STEP / CONTROL_HZ
+        upright = np.minimum(ticks.pelvis_uprightness, ticks.torso_uprightness).min(axis=1) > _COS_TILT
+        self._upright_steps = np.where(upright & (tick > self._over), self._upright_steps + 1, 0)
+        speed = np.linalg.norm(ticks.com_velocity, axis=-1).mean(axis=1)
+        self._speed[:, self._num_steps % self._speed.shape[1]] = speed
+        self._num_steps += 1
+        quiet = (self._upright_steps >= self._speed.shape[1]) & (self._speed.mean(axis=1) < MAX_COM_SPEED)
+        recovering = self.state == State.RECOVERING
+        fell = (ticks.non_foot_contact.any(axis=1) | diverged) & (self.state != State.FELL)
+        self.fallen += int(fell.sum())
+        self._set(np.flatnonzero(fell), State.FELL)
+        recovered = ~fell & quiet & (recovering | (self.state == State.RESTLESS))
+        self.recovered += int((recovered & recovering).sum())
+        self._set(np.flatnonzero(recovered), State.RECOVERED)
+        late = recovering & ~fell & ~recovered & (tick - self._over > HORIZON_S * CONTROL_HZ)
+        self._set(np.flatnonzero(late), State.RESTLESS)
+
+    def _set(self, ids: np.ndarray, state: State) -> None:
+        self.state[ids] = state
+        self.since[ids] = 0.0
+
+
+_COS_TILT = np.cos(np.radians(MAX_TILT_DEG))

@@ -1,0 +1,153 @@
+"""Commands that show robots: films, pictures and clips as files that can be read back; and the page as a process."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import imageio.v3 as imageio
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from surefoot import scene
+from surefoot.disturbance import Drop
+from surefoot.errors import UserError
+from surefoot.policy import NominalPolicy
+from surefoot.scenarios import Scenario
+from surefoot.scene import Scene
+from surefoot.video import draw_moment, record, trial_words
+from surefoot.viewer.clip import SIZE, ClipRecorder, save_clip
+from surefoot.viewer.commands import Picture, Video, push_trial, scenario_trial
+from surefoot.viewer.session import Session, horizontal_push
+
+
+@pytest.fixture(scope="module")
+def needs_opengl() -> None:
+    try:
+        scene.gl_backend()
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+def test_a_film_shows_the_push_that_was_asked_for(needs_opengl, tmp_path):
+    film = tmp_path / "push.gif"
+    Video("nominal", film, impulse=240.0, begin=0.0, end=0.2, fps=10.0, size=(160, 120)).main()
+    frames = imageio.imread(film)
+    assert frames.shape[1:] == (120, 160, 3)
+    orange = ((frames >= (200, 50, 0)) & (frames <= (255, 140, 60))).all(axis=-1)
+    assert orange[0].sum() > 20, "the arrow"
+
+
+def test_a_picture_has_a_row_for_each_impulse_and_a_column_for_each_time(needs_opengl, tmp_path):
+    strip, single = tmp_path / "strip.png", tmp_path / "single.png"
+    Picture("nominal", strip, impulse=(24.0, 240.0), times=(0.1, 0.3, 0.6), size=(80, 100)).main()
+    with Image.open(strip) as picture:
+        assert picture.size == (210 + 3 * 84, 2 * 104 + 44)
+    Picture("nominal", single, impulse=(60.0,), times=(0.1,), size=(80, 100)).main()
+    with Image.open(single) as picture:
+        assert picture.size == (80, 100)
+
+
+@pytest.mark.parametrize(
+    ("words", "direction"),
+    [("forward", (1, 0, 0)), ("left", (0, 1, 0)), ("backward", (-1, 0, 0)), ("right", (0, -1, 0)), ("90", (0, 1, 0))],
+)
+def test_directions_are_words_or_degrees_to_the_left(words, direction):
+    assert push_trial("torso", words, 60.0, 0.12, 0).push.direction == pytest.approx(direction, abs=1e-12)
+
+
+def test_a_scenario_is_shown_as_it_is_tested():
+    line = {
+        line.name: line for line in Scenario("combined", first_impulse=500.0, first_up=True, gap=(0.24, 0.24)).lines()
+    }
+    assert scenario_trial("combined", "left", 72.0, 3) == line["left"].trial(12, 3, whole=True)
+    assert scenario_trial("drop_055", "forward", 120.0, 1).drop == Drop(0.55)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("flight", "forward", 6.0, 0), "unknown scenario 'flight'; valid: pelvis_push, "),
+        (("combined", "up", 6.0, 0), "combined has no direction 'up'; valid: forward, left, backward, right"),
+        (("combined", "left", 7.0, 0), "combined has no size 7; valid: multiples of 6 up to 900 Ns"),
+        (("combined", "left", float("nan"), 0), "combined has no size nan"),
+        (("combined", "left", 6.0, -1), "seed must not be negative, not -1"),
+        (("drop_055", "forward", 6.0, 8), "seed of drop_055 must be 0 to 7, not 8"),
+        (("no.toml:mine", "forward", 6.0, 0), "unknown suite 'no.toml'"),
+    ],
+)
+def test_a_trial_that_is_not_there_is_refused(arguments, message):
+    with pytest.raises(UserError, match=message):
+        scenario_trial(*arguments)
+
+
+def test_trials_are_told_in_words():
+    assert trial_words(scenario_trial("combined", "left", 72.0, 0)) == "500 Ns up, then 72 Ns left"
+    assert trial_words(scenario_trial("landing_tilt", "left", 5.0, 0)) == "drop from 0.4 m, leaning"
+    assert trial_words(scenario_trial("standing", "forward", 6.0, 0)) == "no push"
+
+
+def test_the_push_in_the_air_is_drawn_when_it_comes(needs_opengl):
+    trial = scenario_trial("combined", "forward", 300.0, 0)
+    recording = record(NominalPolicy(), trial)
+    with Scene(recording.robot, 320, 240) as canvas:
+        lift, push = (draw_moment(canvas, trial, recording.at(time)) for time in (0.1, 0.3))
+    orange = [((p >= (200, 50, 0)) & (p <= (255, 140, 60))).all(axis=-1) for p in (lift, push)]
+    rows, columns = zip(*(np.ptp(np.argwhere(o), axis=0) for o in orange), strict=True)
+    assert rows[0] > columns[0], "upwards"
+    assert columns[1] > rows[1], "forwards"
+
+
+def test_a_clip_replays_what_was_played_with_its_push(needs_opengl, tmp_path):
+    session, recorder = Session(NominalPolicy(), 1), ClipRecorder()
+    session.push(horizontal_push("pelvis", 0.0, 120.0))
+    for _ in range(4):
+        session.step()
+        recorder.add(session, 0)
+    pushes = [shot.push.impulse if shot.push else 0.0 for shot in recorder.shots()]
+    assert pushes == pytest.approx([40.0] * 4), "1000 N in each policy step"
+    save_clip(tmp_path / "clip.mp4", session.robot, recorder.shots())
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", tmp_path / "clip.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    shown = subprocess.run(command, capture_output=True, check=True).stdout
+    frames = np.frombuffer(shown, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3)
+    assert len(frames) == 4
+    orange = ((frames >= (190, 40, 0)) & (frames <= (255, 150, 80))).all(axis=-1)
+    assert (orange.sum(axis=(1, 2)) > 200).all(), "the arrow"
+
+
+def test_an_empty_clip_is_refused(robot, tmp_path):
+    with pytest.raises(UserError, match="nothing has been recorded yet"):
+        save_clip(tmp_path / "clip.mp4", robot, ())
+
+
+def test_play_says_where_it_is_and_ends_by_ctrl_c(tmp_path: Path):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "surefoot", "play", "nominal", "--port", str(port)]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr
+            assert process.stderr.readline() == f"push it at http://127.0.0.1:{port} (Ctrl-C ends)\n"
+            second = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+            assert second.returncode == 2
+            assert f"surefoot: cannot listen on 127.0.0.1:{port}: address already in use; valid:" in second.stderr
+            time.sleep(0.2)
+            process.send_signal(signal.SIGINT)
+            output, error = process.communicate(timeout=20)
+            assert (process.returncode, output, error) == (0, "", "closed\n")
+        finally:
+            process.kill()
+
+
+def test_pictures_have_all_colours_of_the_robot(needs_opengl, tmp_path):
+    Picture("nominal", tmp_path / "robot.png", impulse=(30.0,), times=(0.5,), size=(300, 400)).main()
+    picture = np.asarray(Image.open(tmp_path / "robot.png").convert("RGB"), int)
+    assert (picture.min(axis=-1) > 190).sum() > 500, "white shell"
+    assert (picture.max(axis=-1) < 60).sum() > 300, "dark joints and visor"

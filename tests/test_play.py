@@ -1,0 +1,328 @@
+"""The live page in a real browser: Debian's chromium, headless, driven by Playwright."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from surefoot.errors import UserError
+from surefoot.policy import NominalPolicy, load_policy
+from surefoot.viewer import browser
+from surefoot.viewer.page import Page, check_port
+from surefoot.viewer.session import Session
+from surefoot.viewer.source import PolicySource
+from surefoot.viewer.verdict import State
+
+SIZE = {"width": 900, "height": 560}
+"""Small, because the processor draws it."""
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def until(claim: Callable[[], bool], seconds: float = 60.0) -> bool:
+    """Has the claim become true within that time? Long, for machines that draw while others compute."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if claim():
+            return True
+        time.sleep(0.03)
+    return False
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator:
+    try:
+        with browser.launched() as chromium:
+            yield chromium
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def page(chromium) -> Iterator[Page]:
+    page = Page(PolicySource("trpo"), port=free_port())
+    yield page
+    page.close()
+
+
+@pytest.fixture(scope="module")
+def window(chromium, page) -> Iterator:
+    """A browser's window on the page."""
+    tab = opened(chromium, page)
+    yield tab
+    tab.context.close()
+
+
+def opened(chromium, page):
+    tab = chromium.new_context(viewport=SIZE).new_page()
+    tab.asked, tab.errors = [], []
+    tab.on("request", lambda request: tab.asked.append(request.url))
+    tab.on("pageerror", lambda error: tab.errors.append(str(error)))
+    tab.goto(page.address)
+    tab.get_by_role("button", name="Reset").wait_for()
+    return tab
+
+
+@pytest.fixture
+def tab(window, page) -> Iterator:
+    """The window, with a robot that stands."""
+    page.player.paused = False
+    page.player.do(lambda session: (session.set_policy(load_policy("trpo")), session.reset()))
+    assert until(lambda: says(window, "Standing"))
+    yield window
+    assert not window.errors
+
+
+def says(tab, word: str) -> bool:
+    verdict = tab.locator("[data-surefoot=verdict]")
+    return verdict.count() > 0 and word in (verdict.text_content() or "")
+
+
+def press(tab, name: str) -> None:
+    # Without waiting for the page to hold still, which a page drawn by the processor hardly does.
+    tab.get_by_role("button", name=name, exact=True).dispatch_event("click")
+
+
+def pelvis(page: Page) -> np.ndarray:
+    return page.player.session.ticks["pelvis_position"][0, -1].copy()
+
+
+def scene(tab, path: Path) -> np.ndarray:
+    """The pixels between the panels, float (height, width, 3)."""
+    tab.screenshot(path=path)
+    return np.asarray(Image.open(path).convert("RGB"), float)[:, 350:560]
+
+
+def num_pixels(picture: np.ndarray, low: tuple[int, int, int], high: tuple[int, int, int]) -> int:
+    return int(((picture >= low) & (picture <= high)).all(axis=-1).sum())
+
+
+def test_the_page_needs_no_network_and_draws_the_robot(tab, page, tmp_path):
+    def looks_like_a_robot() -> bool:
+        picture = scene(tab, tmp_path / "robot.png")
+        badge = num_pixels(picture, (0, 20, 120), (90, 120, 255))
+        shell = num_pixels(picture, (215, 215, 215), (255, 255, 255))
+        return badge > 20 and shell > 1500
+
+    assert until(looks_like_a_robot, 30.0)
+    assert tab.title() == "surefoot"
+    assert tab.asked
+    assert all(url.startswith((page.address, f"blob:{page.address}", "data:")) for url in tab.asked)
+
+
+def test_a_push_by_button_moves_the_robot_and_its_label(tab, page):
+    before = pelvis(page)
+    recovered = page.player.session.verdicts.recovered
+    press(tab, "Push")
+    assert until(lambda: says(tab, "Recovering"))
+    assert until(lambda: np.abs(pelvis(page) - before)[0] > 0.1)
+    assert until(lambda: says(tab, "Recovered"))
+    assert any(says(tab, strategy) for strategy in ("ankle", "hip", "foot tilt", "step"))
+    assert page.player.session.verdicts.recovered == recovered + 1
+
+
+def test_an_arrow_key_pushes_and_does_not_turn_the_camera(tab, page):
+    client = max(page.server.get_clients().items())[1]
+    position = client.camera.position.copy()
+    tab.keyboard.press("ArrowRight", delay=300)
+    assert until(lambda: page.player.session.verdicts.state[0] == State.RECOVERING)
+    # The camera stands in front of the robot and to its left: the right of the screen is the robot's left.
+    assert until(lambda: pelvis(page)[1] > 0.03)
+    time.sleep(0.5)
+    assert client.camera.position == pytest.approx(position, abs=1e-3)
+
+
+def test_two_browsers_share_the_robots_and_one_that_leaves_in_mid_push_lets_go(tab, chromium, page):
+    other = opened(chromium, page)
+    assert until(lambda: len(page.server.get_clients()) == 2)
+    session = page.player.session
+    # The chest, in the middle between the panels. Again until the robot is drawn there.
+    for _ in range(20):
+        other.mouse.move(455, 230)
+        other.mouse.down()
+        other.mouse.move(475, 230)
+        other.mouse.move(495, 230)
+        if until(lambda: bool(session._pulls), 1.0):
+            break
+        other.mouse.up()
+    assert session._pulls, "a hand holds a body"
+    assert until(lambda: says(tab, "Recovering"))
+    other.context.close()
+    assert until(lambda: not session._pulls), "and lets go when its browser is gone"
+    assert until(lambda: len(page.server.get_clients()) == 1)
+    press(tab, "Drop")
+    assert until(lambda: not session.ticks.foot_contact.any()), "the other browser plays on"
+
+
+def test_a_fallen_robot_can_be_reset(tab, page):
+    page.player.do(lambda session: setattr(session, "stands_up", False))
+    page.controls.set_impulse(480)
+    press(tab, "Push")
+    assert until(lambda: says(tab, "Fell"))
+    press(tab, "Reset")
+    assert until(lambda: says(tab, "Standing"))
+    assert until(lambda: pelvis(page)[2] > 0.9)
+    page.player.do(lambda session: setattr(session, "stands_up", True))
+    page.controls.set_impulse(90)
+
+
+def test_pause_step_and_slow_motion(tab, page):
+    press(tab, "Pause")
+    assert until(lambda: tab.locator("[data-surefoot=rates]").text_content() == "paused")
+    steps = page.player.session.num_steps
+    press(tab, "Step")
+    assert until(lambda: page.player.session.num_steps == steps + 1)
+    time.sleep(0.3)
+    assert page.player.session.num_steps == steps + 1
+    press(tab, "Pause")
+    assert until(lambda: page.player.session.num_steps > steps + 5)
+
+
+def test_a_file_that_is_no_policy_is_named_and_the_page_stays_up(tab, page, tmp_path):
+    bad = tmp_path / "bad.onnx"
+    bad.write_bytes(b"this is no network")
+    page.set_source(str(bad))
+    tab.get_by_text(f"{bad} is not a policy file: not a readable ONNX network").wait_for()
+    assert page.source.name == "trpo"
+    steps = page.player.session.num_steps
+    assert until(lambda: page.player.session.num_steps > steps + 10)
+
+
+class NotFinite(NominalPolicy):
+    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
+        return np.full((len(observations), 11), np.nan)
+
+
+class Broken(NominalPolicy):
+    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
+        raise RuntimeError("a wheel came off")
+
+
+def test_a_policy_that_returns_nan_is_named_and_the_page_stays_up(tab, page):
+    page.player.do(lambda session: session.set_policy(NotFinite()))
+    tab.get_by_text("returned numbers that are not finite").first.wait_for()
+    steps = page.player.session.num_steps
+    assert until(lambda: page.player.session.num_steps > steps + 10)
+
+
+def test_a_policy_that_raises_stops_the_robots_but_not_the_page(tab, page, capfd):
+    page.player.do(lambda session: session.set_policy(Broken()))
+    tab.get_by_text("stopped by an error: RuntimeError: a wheel came off").first.wait_for()
+    page.player.do(lambda session: session.set_policy(load_policy("trpo")))
+    press(tab, "Pause")
+    steps = page.player.session.num_steps
+    assert until(lambda: page.player.session.num_steps > steps + 10)
+    assert "a wheel came off" in capfd.readouterr().err
+
+
+def test_a_crowd_gets_one_push_and_is_counted(tab, page):
+    page.set_num_robots(4)
+    assert until(lambda: page.player.session.num_robots == 4)
+    press(tab, "Push")
+    assert until(lambda: says(tab, "Recovering"))
+    assert (page.player.session.verdicts.state == State.RECOVERING).all()
+    assert until(lambda: page.player.session.verdicts.recovered + page.player.session.verdicts.fallen >= 4)
+    page.set_num_robots(1)
+    assert until(lambda: page.player.session.num_robots == 1)
+
+
+# Without a browser.
+
+
+def test_an_occupied_port_is_named(robot):
+    with socket.socket() as occupied:
+        occupied.bind(("127.0.0.1", 0))
+        occupied.listen()
+        port = occupied.getsockname()[1]
+        with pytest.raises(
+            UserError, match=f"cannot listen on 127.0.0.1:{port}: address already in use; valid: a free"
+        ):
+            check_port("127.0.0.1", port)
+    with pytest.raises(UserError, match=r"cannot listen on 127.0.0.1:70000"):
+        check_port("127.0.0.1", 70000)
+
+
+def test_the_page_listens_on_this_machine_only():
+    page = Page(PolicySource("nominal"), port=free_port())
+    try:
+        assert page.address.startswith("http://127.0.0.1:")
+        assert page.server.get_host() == "127.0.0.1"
+        with socket.socket() as probe:
+            probe.settimeout(2.0)
+            assert probe.connect_ex(("127.0.0.2", page.server.get_port())) != 0
+    finally:
+        page.close()
+    assert not page.player.is_alive
+
+
+# Where policies come from.
+
+
+@pytest.fixture
+def run_folder(tmp_path) -> Path:
+    folder = tmp_path / "runs" / "mine"
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text("{}")
+    return folder
+
+
+def shipped_file(name: str) -> Path:
+    import surefoot
+
+    return Path(surefoot.__file__).parent / "policies" / f"{name}.onnx"
+
+
+def test_a_run_is_watched_while_it_learns(run_folder):
+    source = PolicySource(str(run_folder))
+    assert source.is_waiting
+    assert source.description == "waiting for the first checkpoint"
+    assert not source.refresh()
+    shutil.copy(shipped_file("ppo"), run_folder / "best.onnx")
+    assert source.refresh()
+    assert source.policy.name == "mine"
+    assert source.policy.contract.training["algorithm"] == "ppo"
+    shutil.copy(shipped_file("trpo"), run_folder / "last.onnx")
+    assert source.refresh()
+    assert source.policy.contract.training["algorithm"] == "trpo", "the newest checkpoint, not the best"
+    assert not source.refresh()
+
+
+def test_a_damaged_checkpoint_is_named_and_the_old_policy_stays(run_folder):
+    shutil.copy(shipped_file("trpo"), run_folder / "last.onnx")
+    source = PolicySource(str(run_folder))
+    policy = source.policy
+    (run_folder / "last.onnx").write_bytes(b"half a fi")
+    with pytest.raises(UserError, match="is not a policy file"):
+        source.refresh()
+    assert source.policy is policy
+    assert not source.refresh(), "it is told once"
+
+
+def test_a_session_plays_on_with_a_new_checkpoint(run_folder):
+    shutil.copy(shipped_file("trpo"), run_folder / "last.onnx")
+    source = PolicySource(str(run_folder))
+    session = Session(source.policy, 1)
+    session.step()
+    shutil.copy(shipped_file("ppo"), run_folder / "last.onnx")
+    assert source.refresh()
+    session.set_policy(source.policy)
+    session.step()
+    assert session.policy.contract.training["algorithm"] == "ppo"
+
+
+@pytest.mark.parametrize("name", ["nowhere", ""])
+def test_a_policy_that_is_not_there_is_refused(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match=r"cannot read policy .*shipped policies: ppo, trpo"):
+        PolicySource(name)

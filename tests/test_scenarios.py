@@ -1,0 +1,307 @@
+"""The suites as data: what their trials hold, that they can be run, and what a scenario file is refused for."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import an_outcome
+
+from surefoot.control import Imperfections
+from surefoot.disturbance import Drop, Push
+from surefoot.errors import UserError
+from surefoot.judge import Outcome
+from surefoot.policy import NominalPolicy
+from surefoot.robot import Robot, World
+from surefoot.scenarios import PAPER, ROBUSTNESS, SUITES, Line, Scenario, from_json, suite
+from surefoot.simulation import Simulation
+from surefoot.trials import Trial, run_list
+
+ALL = (*PAPER, *ROBUSTNESS)
+BY_NAME = {scenario.name: scenario for scenario in ALL}
+
+
+def one_trial(line: Line, seed: int = 0) -> Trial:
+    """The third cell of a search, or a fixed trial."""
+    return line.trial(3, seed, whole=True) if line.scenario.search else line.fixed_trials()[seed]
+
+
+def numbers_in(value: object) -> list[float]:
+    if dataclasses.is_dataclass(value):
+        value = [getattr(value, field.name) for field in dataclasses.fields(value)]
+    if isinstance(value, tuple | list):
+        return [number for part in value for number in numbers_in(part)]
+    return [float(value)] if isinstance(value, int | float) else []
+
+
+# The suites.
+
+
+def test_no_two_scenarios_of_a_suite_have_one_name() -> None:
+    for scenarios in SUITES.values():
+        names = [scenario.name for scenario in scenarios]
+        assert len(names) == len(set(names))
+
+
+@pytest.mark.parametrize("scenario", ALL, ids=lambda scenario: scenario.name)
+def test_every_scenario_builds_finite_trials_that_its_seed_decides(robot: Robot, scenario: Scenario) -> None:
+    lines = scenario.lines()
+    assert len({line.name for line in lines}) == len(lines)
+    for line in lines:
+        trial = one_trial(line)
+        assert trial == one_trial(line)
+        assert trial != one_trial(line, seed=1)
+        assert np.isfinite(numbers_in(trial)).all()
+        for push in trial.pushes:
+            assert push.body in robot.body_ids
+            assert math.hypot(*push.direction) == pytest.approx(1.0, abs=1e-9)
+            assert "-0.0" not in repr(push)  # equal to 0.0, but another text in the results table
+        assert trial.world == scenario.world
+        assert 0.0 <= trial.calm_from < trial.horizon
+
+
+def test_every_scenario_runs() -> None:
+    """Its first direction for the 2 s after the disturbance, all that share a world in one batch."""
+    trials: dict[str, Trial] = {}
+    for scenario in ALL:
+        trial = one_trial(scenario.lines()[0])
+        trials[scenario.name] = dataclasses.replace(trial, horizon=2.0, calm_from=min(trial.calm_from, 1.0))
+    outcomes: dict[Trial, Outcome] = {}
+    for world in {trial.world for trial in trials.values()}:
+        batch = {trial for trial in trials.values() if trial.world == world}
+        outcomes |= run_list(NominalPolicy(), batch, num_slots=len(batch), world=world)
+    for outcome in outcomes.values():
+        assert outcome.seconds <= 2.0
+        assert 0.0 < outcome.torque_ratio <= 1.0
+        stood = outcome.reason in ("recovered", "restless", "tilted")
+        assert math.isnan(outcome.calm_power) == (not stood)
+    reasons = {name: outcomes[trial].reason for name, trial in trials.items()}
+    # 18 Ns are little on a plain floor, and 240 Ns are too much for a pose.
+    assert reasons["pelvis_push"] == reasons["standing"] == reasons["latency_40ms"] == "recovered"
+    assert reasons["sagittal_240"] == "fell"
+    assert "diverged" not in reasons.values()
+
+
+# Directions.
+
+
+def test_directions_are_names_degrees_or_how_many() -> None:
+    assert [line.name for line in Scenario("s", directions=("left", 45.0, -90.0, 360.0)).lines()] == [
+        "left", "45", "right", "forward"
+    ]  # fmt: skip
+    assert [line.name for line in Scenario("s", directions=3).lines()] == ["forward", "120", "240"]
+    assert [line.name for line in Scenario("s", directions=1).lines()] == ["forward"]
+    push = Scenario("s", directions=(30.0,)).lines()[0].trial(1, 0, True).push
+    assert push.direction == pytest.approx((math.sqrt(0.75), 0.5, 0.0), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("direction", "roll", "pitch"),
+    [("forward", 0.0, 3.0), ("left", -3.0, 0.0), ("backward", 0.0, -3.0), ("right", 3.0, 0.0)],
+)
+def test_a_searched_tilt_leans_the_robot_towards_its_direction(
+    robot: Robot, direction: str, roll: float, pitch: float
+) -> None:
+    (line,) = Scenario("landing_tilt", search="tilt", drop=0.4, directions=(direction,)).lines()
+    drop = line.trial(3, 0, True).drop
+    assert drop == Drop(0.4, pytest.approx(math.radians(roll)), pytest.approx(math.radians(pitch)))
+    # In the simulation: the torso is over the side of the pelvis that it leans to.
+    simulation = Simulation(robot, 1, num_threads=1)
+    start = simulation.reset(np.array([0]), robot.pose("straight")[None], height=0.4, roll=drop.roll, pitch=drop.pitch)
+    offset = start["torso_position"][0, 0] - start["pelvis_position"][0, 0]
+    upright = simulation.reset(np.array([0]), robot.pose("straight")[None], height=0.4)
+    offset -= upright["torso_position"][0, 0] - upright["pelvis_position"][0, 0]
+    towards = np.array([math.cos(line.angle), math.sin(line.angle)])
+    height = upright["torso_position"][0, 0, 2] - upright["pelvis_position"][0, 0, 2]
+    assert offset[:2] @ towards == pytest.approx(height * math.sin(math.radians(3.0)), abs=0.003)
+    assert math.degrees(math.acos(start.pelvis_uprightness[0, 0])) == pytest.approx(3.0)
+
+
+# What is in a trial.
+
+
+def test_the_papers_levers_are_above_the_com_at_the_torso_and_below_it_at_the_leg() -> None:
+    found = {name: (BY_NAME[name].body, BY_NAME[name].lever) for name in ("torso_push", "thigh_push", "shank_push")}
+    assert found == {
+        "torso_push": ("torso", 0.32),
+        "thigh_push": ("left_thigh", -0.50),
+        "shank_push": ("left_shank", -0.70),
+    }
+    for name, (body, lever) in found.items():
+        push = BY_NAME[name].lines()[0].trial(1, 0, True).push
+        assert (push.body, push.lever, push.impulse) == (body, lever, 6.0)
+
+
+def test_the_combined_test_lifts_by_500_ns_and_pushes_240_ms_later() -> None:
+    trial = BY_NAME["combined"].lines()[1].trial(10, 4, whole=False)
+    assert trial.first == Push("pelvis", (0.0, 0.0, 1.0), 500.0)
+    assert trial.push == Push("pelvis", (0.0, 1.0, 0.0), 60.0, start=0.24)
+    assert trial.pushes == (trial.first, trial.push)
+
+
+def test_the_second_push_comes_when_the_seed_says() -> None:
+    line = BY_NAME["while_stepping"].lines()[0]
+    starts = [line.trial(1, seed, True).push.start for seed in range(200)]
+    assert min(starts) >= 0.3
+    assert max(starts) <= 2.0
+    # Uniform: mean 1.15, deviation 1.7 / sqrt(12) = 0.49, of the mean of 200 0.035.
+    assert np.mean(starts) == pytest.approx(1.15, abs=4 * 0.035)
+    assert line.trial(1, 0, True).first == Push("pelvis", (1.0, 0.0, 0.0), 120.0)
+
+
+def test_drops_begin_in_the_air_and_without_a_push() -> None:
+    (trial, *_) = BY_NAME["drop_055"].lines()[0].fixed_trials()
+    assert (trial.drop, trial.push.impulse) == (Drop(0.55), 0.0)
+    height = BY_NAME["landing_height"].lines()[0].trial(11, 0, True)
+    assert (height.drop, height.push.impulse) == (Drop(0.55), 0.0)
+
+
+def test_conditions_are_carried_into_the_trials() -> None:
+    assert one_trial(BY_NAME["noise_both"].lines()[0]).imperfections == Imperfections(0.5, 0.1)
+    assert one_trial(BY_NAME["latency_20ms"].lines()[0]).imperfections == Imperfections(latency=0.02)
+    assert one_trial(BY_NAME["sensor_bias"].lines()[0]).imperfections == Imperfections(sensor_bias=0.1)
+    slope = one_trial(BY_NAME["slope_8_side"].lines()[0]).world
+    assert slope == World(slope=math.radians(8.0), uphill=math.radians(90.0))
+    assert one_trial(BY_NAME["friction_0.3"].lines()[0]).world == World(friction=0.3)
+    assert one_trial(BY_NAME["mass_110"].lines()[0]).world == World(mass_scale=1.1)
+    assert one_trial(BY_NAME["physics_1000hz"].lines()[0]).world == World(physics_hz=1000)
+    assert one_trial(BY_NAME["duration_250ms"].lines()[0]).push.duration == 0.25
+    assert one_trial(BY_NAME["quiet"].lines()[0]).horizon == 60.0
+
+
+def test_without_a_step_a_foot_that_left_its_place_is_a_failure() -> None:
+    stepped, stood = an_outcome(foot_shift=0.031), an_outcome(foot_shift=0.029)
+    for scenario, expected in ((BY_NAME["pelvis_push"], True), (BY_NAME["pelvis_push_no_step"], False)):
+        line = scenario.lines()[0]
+        assert (line.succeeded(stepped), line.succeeded(stood)) == (expected, True)
+        assert not line.succeeded(an_outcome(recovered=False))
+
+
+@pytest.mark.parametrize("scenario", ALL, ids=lambda scenario: scenario.name)
+def test_a_scenario_comes_back_from_json_as_it_was(scenario: Scenario) -> None:
+    assert from_json(json.loads(json.dumps(dataclasses.asdict(scenario)))) == scenario
+
+
+# Files.
+
+
+def read(folder: Path, text: str) -> tuple[Scenario, ...]:
+    file = folder / "mine.toml"
+    file.write_text(text)
+    return suite(str(file))
+
+
+def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
+    text = """
+        [[scenario]]
+        name = "shove"
+        body = "torso"
+        lever = 0.3
+        directions = ["left", 30, 200.5]
+        duration = 0.5
+        first_impulse = 50
+        gap = [0.5, 1]
+        friction = 0.6
+        without_step = true
+
+        [[scenario]]
+        name = "stand"
+        search = ""
+        directions = 2
+        trials = 3
+        horizon = 20
+        physics_hz = 1000
+    """
+    shove, stand = read(tmp_path, text)
+    assert shove == Scenario(
+        "shove", body="torso", lever=0.3, directions=("left", 30.0, 200.5), duration=0.5, first_impulse=50.0,
+        gap=(0.5, 1.0), friction=0.6, without_step=True,
+    )  # fmt: skip
+    assert stand == Scenario("stand", search="", directions=2, trials=3, horizon=20.0, physics_hz=1000)
+    assert isinstance(shove.first_impulse, float)
+    assert [len(line.fixed_trials()) for line in stand.lines()] == [3, 3]
+
+
+@pytest.mark.parametrize(
+    ("keys", "fault"),
+    [
+        ('body = "knee"', "unknown body 'knee' of valkyrie; valid: pelvis, torso, left_thigh, "),
+        ("duration = -0.1", "duration must be a number from 0.002 to 5, not -0.1"),
+        ("duration = 0.0", "duration must be a number from 0.002 to 5, not 0.0"),
+        ("impulse = nan", "impulse must be a number from 0 to 2000, not nan"),
+        ("first_impulse = inf", "first_impulse must be a number from 0 to 2000, not inf"),
+        ("horizon = inf", "horizon must be a number from 2 to 600, not inf"),
+        ("gap = [0.0, nan]", "gap must be two times [s], not [0.0, nan]"),
+        ("gap = [2.0, 1.0]", "gap must be a range within 0 to 5 s, not [2.0, 1.0]"),
+        ("gap = 1.0", "gap must be two times [s], not 1.0"),
+        ('impulse = "72"', "impulse must be a number from 0 to 2000, not 72"),
+        ("impulse = true", "impulse must be a number from 0 to 2000, not True"),
+        (f"impulse = 1{'0' * 400}", "impulse must be a number from 0 to 2000, not 1000"),
+        ("without_step = 1", "without_step must be true or false, not 1"),
+        ("body = 3", "body must be a text, not 3"),
+        ("search = false", "search must be a text, not False"),
+        ('search = "force"', "unknown search 'force'; valid: impulse, height, tilt, or nothing"),
+        ('search = "tilt"', "a searched tilt needs a drop height"),
+        ("directions = 0", "directions must be how many (1 to 360) or a list of degrees and of forward, left, "),
+        ("directions = 2.5", "directions must be how many (1 to 360) or a list"),
+        ("directions = []", "directions must be how many (1 to 360) or a list"),
+        ('directions = ["up"]', "directions must be how many (1 to 360) or a list"),
+        ("directions = [nan]", "directions must be how many (1 to 360) or a list"),
+        ("directions = [[0.0], 90.0]", "directions must be how many (1 to 360) or a list"),
+        ("directions = [{angle = 0.0}]", "directions must be how many (1 to 360) or a list"),
+        ("trials = 2.5", "trials must be a whole number, not 2.5"),
+        ("trials = 0", "trials must be a number from 1 to 10000, not 0"),
+        ("latency = 0.05", "latency must be a number from 0 to 0.04, not 0.05"),
+        ("physics_hz = 750", "physics_hz must be a multiple of 500, not 750"),
+        ("calm_from = 12.0", "calm_from must be before the horizon, not 12 s"),
+        ("horizon = 2.0\ncalm_from = 1.0\nduration = 1.5", "the push may last until 1.5 s, but from 1 s on"),
+        ("horizon = 5.0\ncalm_from = 1.0\nfirst_impulse = 9\ngap = [0, 4]", "the push may last until 4.12 s"),
+    ],
+)
+def test_a_wrong_value_is_answered_with_the_file_the_scenario_and_the_fault(
+    tmp_path: Path, keys: str, fault: str
+) -> None:
+    good = '[[scenario]]\nname = "good"\n'
+    with pytest.raises(UserError) as error:
+        read(tmp_path, f'{good}[[scenario]]\nname = "bad"\n{keys}')
+    message = str(error.value)
+    assert message.startswith(f"{tmp_path / 'mine.toml'}, scenario 2 (bad): {fault}")
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ('[[scenario]]\nname = "a"\nimpuls = 3', ", scenario 1: unknown key: impuls; valid: name, search, "),
+        ("[[scenario]]\nimpulse = 3.0", ", scenario 1: a name is needed"),
+        ("[[scenario]]\nname = 7", ", scenario 1: a name is needed"),
+        ("scenario = [7]", ", scenario 1: must be a [[scenario]] entry, not 7"),
+        ('[[scenario]]\nname = "a"\n' * 2, ": two scenarios are named a"),
+        ('[scenario]\nname = "a"', " must hold [[scenario]] entries and nothing else"),
+        ("", " must hold [[scenario]] entries and nothing else"),
+        ('other = 1\n[[scenario]]\nname = "a"', " must hold [[scenario]] entries and nothing else: other"),
+    ],
+)
+def test_a_wrong_file_is_answered_with_the_file_and_the_fault(tmp_path: Path, text: str, fault: str) -> None:
+    with pytest.raises(UserError) as error:
+        read(tmp_path, text)
+    assert str(error.value).startswith(f"{tmp_path / 'mine.toml'}{fault}")
+
+
+@pytest.mark.parametrize("content", [b"name = ", b"\xff\xfe\x00", f"x = 1{'0' * 5000}".encode()])
+def test_what_is_no_toml_is_refused(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_bytes(content)
+    with pytest.raises(UserError, match=r"cannot read .*mine\.toml as a scenario file: "):
+        suite(str(file))
+
+
+@pytest.mark.parametrize("name", ["papr", "nowhere/mine.toml", "."])
+def test_an_unknown_suite_is_answered_with_the_known_ones(name: str) -> None:
+    with pytest.raises(UserError) as error:
+        suite(name)
+    assert str(error.value) == f"unknown suite '{name}'; valid: paper, robustness, or a scenario file (.toml)"

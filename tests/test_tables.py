@@ -1,0 +1,218 @@
+"""Tables I to V from results whose numbers are known, and from a small real run."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from conftest import an_outcome
+from rich.console import Console
+
+from surefoot import paper, tables
+from surefoot.evaluation import Threshold, run_scenarios
+from surefoot.judge import Outcome
+from surefoot.policy import NominalPolicy
+from surefoot.results import Results
+from surefoot.robot import Robot
+from surefoot.scenarios import PAPER, Scenario
+from surefoot.tables import Table
+from surefoot.trials import Trial
+
+BY_NAME = {scenario.name: scenario for scenario in PAPER}
+
+
+def found(name: str, sizes: Sequence[float], trials: int = 40) -> list[Threshold]:
+    """Thresholds of a scenario of the paper's suite, one per direction."""
+    lines = BY_NAME[name].lines()
+    pairs = zip(lines, sizes, strict=True)
+    return [Threshold(line, size, trials, trials - 1, 0.87, 0.99, "share") for line, size in pairs]
+
+
+def outcomes_of(name: str, *outcomes: Outcome) -> dict[str, dict[Trial, Outcome]]:
+    trials = [trial for line in BY_NAME[name].lines() for trial in line.fixed_trials()]
+    return {name: dict(zip(trials, outcomes, strict=False))}
+
+
+def row_of(table: Table, name: str) -> dict[str, str]:
+    (row,) = (row for row in table.rows if row[0] == name)
+    assert len(row) == len(table.columns)
+    return dict(zip(table.columns, row, strict=True))
+
+
+def test_a_table_reads_alike_as_markdown() -> None:
+    table = Table("T", ["a", "b [Ns]"], [["x", "1"], ["y", "2"]])
+    assert table.markdown() == "| a | b [Ns] |\n| --- | ---: |\n| x | 1 |\n| y | 2 |\n"
+
+
+def test_a_terminal_shows_what_stands_in_brackets() -> None:
+    console = Console(width=80, file=io.StringIO())
+    console.print(Table("T [x]", ["a", "b [m]"], [["[red]mine", "1 [2]"]], "N [y]").rich())
+    shown = console.file.getvalue()
+    assert all(text in shown for text in ("T [x]", "b [m]", "[red]mine", "1 [2]", "N [y]"))
+
+
+# The paper's own numbers.
+
+
+def test_the_papers_normalised_impulses_are_its_impulse_over_its_mass() -> None:
+    ours = {letter: round(study.normalised, 2) for letter, study in paper.TABLE_4.items()}
+    # 37.5/58, 18.8/40, 42/92, 29.9/53, 72/137, 240/137, 78/137
+    assert ours == {"A": 0.65, "B": 0.47, "C": 0.46, "D": 0.56, "E": 0.53, "F": 1.75, "G": 0.57}
+    differs = {letter for letter, study in paper.TABLE_4.items() if abs(study.printed - study.normalised) > 0.006}
+    assert differs == {"A", "B", "C", "D", "E", "F", "G"}
+    for study in paper.TABLE_4.values():
+        if study.force is not None:
+            assert study.impulse == pytest.approx(study.force * study.interval, abs=0.06)
+
+
+def test_the_papers_torques_are_its_force_times_its_lever() -> None:
+    for name, row in paper.TABLE_3.items():
+        # 0.12 s: e.g. 120 Ns are 1000 N, times 0.32 m
+        assert row.torque == pytest.approx(row.impulse / 0.12 * row.lever, rel=1e-9)
+        assert abs(BY_NAME[name].lever) == row.lever
+
+
+def test_every_row_of_the_paper_has_its_scenario(robot: Robot) -> None:
+    for name in (*paper.TABLE_2, *paper.TABLE_5):
+        assert not BY_NAME[name].search
+    for name in paper.TABLE_3:
+        assert BY_NAME[name].search == "impulse"
+    groups = tables.joint_groups(robot)
+    assert set(paper.PEAK_GROUPS) == set(groups)
+    limits = {group: robot.torque_limit[robot.joint_names.index(joint)] for group, joint in first_joints(robot).items()}
+    assert dict(zip(paper.PEAK_GROUPS, paper.TABLE_5_LIMITS.torque, strict=True)) == limits
+
+
+def first_joints(robot: Robot) -> dict[str, str]:
+    return {group: next(n for n in robot.joint_names if n.endswith(group)) for group in paper.PEAK_GROUPS}
+
+
+# Ours beside them.
+
+
+def test_table_1_shows_the_worse_side_beside_the_papers(robot: Robot) -> None:
+    table = tables.table_1({"trpo": found("pelvis_push", (240.0, 90.0, 120.0, 84.0))}, robot)
+    assert table.rows[0] == [
+        "trpo", "240", "90", "120", "84", "120", "240", "84", "78", f"{120 / 137.287494:.2f}, {84 / 137.287494:.2f}"
+    ]  # fmt: skip
+    # Equation (6): the paper's 53 and 78 Ns stand beside ours.
+    equation = table.rows[-1]
+    assert (equation[0], equation[6], equation[8]) == ("equation (6)", "53", "78")
+    assert float(equation[5]) == min(float(equation[1]), float(equation[3]))
+
+
+def test_table_2_shows_shares_and_the_papers_marks() -> None:
+    fixed = outcomes_of(
+        "sagittal_72", an_outcome(ankle=True, steps=2), an_outcome(ankle=True, hip=True, recovered=False),
+        an_outcome(steps=4), an_outcome(ankle=True),
+    )  # fmt: skip
+    row = row_of(tables.table_2(fixed), "sagittal 72")
+    assert row == {
+        "push [Ns]": "sagittal 72", "recovered": "3/4", "ankle": "75% (yes)", "hip": "25% (yes)",
+        "foot tilt": "0% (yes)", "step": "50% (no)", "steps": "1",
+    }  # fmt: skip
+
+
+def test_table_3_shows_the_torque_about_the_com_at_the_worst_direction(robot: Robot) -> None:
+    table = tables.table_3(found("torso_push", (90.0, 48.0, 60.0, 54.0)), robot, {"torso_push": 3.0})
+    row = row_of(table, "torso")
+    # 48 Ns / 0.12 s * 0.32 m = 128 Nm; 48 / 137.29 = 0.35
+    assert (row["worst"], row["[Ns/kg]"], row["torque [Nm]"], row["steps"]) == (
+        "48 (120)", "0.35", "128 (320)", "3 (6)"
+    )  # fmt: skip
+    assert tables.table_3([], robot, {}).rows == []
+
+
+def test_table_4_shows_the_papers_studies_as_their_own_figures_give_them(robot: Robot) -> None:
+    thresholds = found("pelvis_push", (240.0, 90.0, 120.0, 84.0)) + found(
+        "pelvis_push_no_step", (72.0, 66.0, 54.0, 78.0)
+    )
+    table = tables.table_4({"mine": thresholds}, robot)
+    assert row_of(table, "F Yang 2018, sagittal")["[Ns/kg]"] == "1.75"
+    assert row_of(table, "F Yang 2018, sagittal")["printed"] == "1.73"
+    ours = [(row[0], row[3], row[4], row[6]) for row in table.rows[len(paper.TABLE_4) :]]
+    assert ours == [
+        ("mine, sagittal", "54", "0.39", "no"), ("mine, lateral", "66", "0.48", "no"),
+        ("mine, sagittal", "120", "0.87", "yes"), ("mine, lateral", "84", "0.61", "yes"),
+    ]  # fmt: skip
+
+
+def test_table_5_shows_the_largest_peaks_in_the_papers_order(robot: Robot) -> None:
+    # Ours come in the order torso pitch, hip roll, hip pitch, knee pitch, ankle pitch, ankle roll.
+    one = an_outcome(torque_peaks=(10, 20, 30, 40, 50, 60), speed_peaks=(1, 2, 3, 4, 5, 6), saturated_s=(0,) * 6)
+    two = an_outcome(torque_peaks=(11, 9, 9, 9, 9, 9), speed_peaks=(0,) * 6, saturated_s=(0, 0.5, 0, 0, 0, 0.25))
+    torque, speed, saturation = tables.table_5(outcomes_of("lateral_78", one, two), robot)
+    assert list(row_of(torque, "lateral 78").values()) == ["lateral 78", "11", "30", "20", "40", "50", "60"]
+    assert list(row_of(torque, "  paper").values()) == ["  paper", "104", "147", "103", "264", "117", "106"]
+    assert list(row_of(torque, "limit").values())[1:] == ["150", "350", "350", "350", "205", "205"]
+    assert list(row_of(speed, "lateral 78").values())[1:] == ["1.00", "3.00", "2.00", "4.00", "5.00", "6.00"]
+    assert list(row_of(saturation, "lateral 78").values())[1:] == ["0.00", "0.00", "0.50", "0.00", "0.00", "0.25"]
+    assert tables.table_5({}, robot) == []
+
+
+def test_quiet_standing_is_that_of_the_recovered_trials() -> None:
+    fell = an_outcome(recovered=False, reason="fell", calm_drift=np.nan, calm_power=np.nan, calm_steps=np.nan)
+    stood = an_outcome(calm_drift=0.012, calm_power=3.26, calm_steps=1.0)
+    fixed = outcomes_of("quiet", stood, fell, an_outcome()) | outcomes_of("quiet_after_48", fell)
+    table = tables.quiet_table(fixed)
+    assert list(row_of(table, "quiet").values()) == ["quiet", "2/3", "1.2", "3.3", "1"]
+    assert list(row_of(table, "quiet after 48").values()) == ["quiet after 48", "0/1", "", "", ""]
+
+
+def test_the_scenario_table_has_the_worst_and_the_best_direction_in_their_unit() -> None:
+    thresholds = found("torso_push", (90.0, 48.0, 60.0, 54.0)) + found("landing_tilt", (5.0, 3.0, 4.0, 3.0))
+    table = tables.scenario_table("mine", [*thresholds, *found("landing_height", (0.55,))])
+    assert list(row_of(table, "torso_push").values()) == [
+        "torso_push", "48 (left)", "90 (forward)", "Ns", "39/40", "0.87 to 0.99"
+    ]  # fmt: skip
+    assert row_of(table, "landing_tilt")["worst"] == "3 (left)"
+    assert (row_of(table, "landing_height")["worst"], row_of(table, "landing_height")["unit"]) == (
+        "0.55 (forward)",
+        "m",
+    )
+
+
+def test_the_median_of_steps_is_that_of_the_worst_directions_threshold() -> None:
+    thresholds = found("torso_push", (90.0, 48.0, 60.0, 54.0), trials=3)
+    left = thresholds[1].line
+    store = {left.trial(8, seed, True): an_outcome(steps=steps) for seed, steps in enumerate((1, 5, 2))}
+    assert tables.median_steps(thresholds, store) == {"torso_push": 2.0}
+    assert tables.median_steps(thresholds, {}) == {}
+
+
+def test_scenarios_of_a_users_own_directions_fit_into_no_table_of_the_paper(robot: Robot) -> None:
+    thresholds = [
+        Threshold(line, 60.0, 40, 40, 0.9, 1.0, "share")
+        for name in ("pelvis_push", "pelvis_push_no_step", "torso_push")
+        for line in Scenario(name, directions=(45.0,)).lines()
+    ]
+    titles = [table.title for table in tables.all_tables(NominalPolicy(), thresholds, {}, {}, robot)]
+    assert [title.split(":")[0] for title in titles] == [
+        "Rejected impulse at the pelvis", "Largest recovered disturbance"
+    ]  # fmt: skip
+    assert len(tables.table_1({"mine": thresholds}, robot).rows) == 1  # equation (6)
+
+
+def test_a_small_real_run_fills_its_tables(robot: Robot, tmp_path) -> None:
+    """Three trials of the stiff pose, pushed by 240 Ns, dropped and left alone."""
+    policy = NominalPolicy(robot)
+    scenarios = [
+        Scenario(name, search="", directions=1, trials=1, horizon=2.0, calm_from=0.0, **change)
+        for name, change in (("sagittal_240", {"impulse": 240.0}), ("drop_055", {"drop": 0.55}), ("standing", {}))
+    ]
+    with Results(tmp_path / "r.sqlite") as results:
+        assert run_scenarios(policy, scenarios, results.trials_of(policy), num_slots=3, num_threads=1) == []
+        results.add_scenarios(policy, scenarios, 1.0)
+        fixed = results.fixed_outcomes(policy.name)
+    assert set(fixed) == {"sagittal_240", "drop_055", "standing"}
+    second, torque, speed, saturation = tables.all_tables(policy, [], fixed, {}, robot)
+    assert row_of(second, "sagittal 240")["recovered"] == "0/1"
+    assert row_of(second, "sagittal 240")["ankle"] == "100% (yes)"
+    # Standing takes little: half the weight per leg; the landing takes all that the knees have.
+    assert 0.0 < float(row_of(torque, "standing")["knee pitch"]) < 300.0
+    assert row_of(torque, "drop 055")["knee pitch"] == "350"
+    assert float(row_of(speed, "standing")["knee pitch"]) < 1.0
+    assert float(row_of(saturation, "standing")["knee pitch"]) == 0.0
+    assert float(row_of(saturation, "drop 055")["knee pitch"]) > 0.0
