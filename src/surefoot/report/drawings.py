@@ -64,8 +64,8 @@ def footprints(trace: Trace, path: str | Path) -> None:
     """The soles' places and the CoM's path from above, with the steps numbered (the paper's figure 5 c)."""
     steps = trace.strategies.steps
     spread = np.ptp(trace.ticks.sole_position[0, trace.begin :, :, :2], axis=(0, 1))
-    height = 8.0 * (spread[1] + 0.35) / max(spread[0] + 0.8, 1.0) + 1.3
-    with drawing(path, 8.0, float(np.clip(height, 3.8, 8.0))) as figure:
+    height = 10.0 * (spread[1] + 0.35) / max(spread[0] + 0.8, 1.0) + 1.4
+    with drawing(path, 10.0, float(np.clip(height, 4.2, 7.5))) as figure:
         axes = figure.subplots()
         for foot, color in enumerate((LEFT, RIGHT)):
             _sole(axes, trace, trace.begin, foot, edgecolor=color, facecolor="none", lw=2.0, ls=(0, (3, 2)))

@@ -45,6 +45,7 @@ class Figure:
         image: as a data URI; empty if it is SVG.
         rows: the numbers behind it, the first row naming the columns.
         wide: to be scrolled rather than shrunk on a narrow screen.
+        alone: in a row of its own, though it is not wide.
     """
 
     slug: str
@@ -54,6 +55,7 @@ class Figure:
     svg: str = ""
     image: str = ""
     wide: bool = False
+    alone: bool = False
 
     @property
     def csv_uri(self) -> str:
@@ -131,6 +133,7 @@ def _polar_map(evaluations: Sequence[Evaluation]) -> Figure:
         "Pushes at the pelvis, forward up. Dashed: equation (6) of the paper, what a point mass over fixed feet can"
         " reject, in the straight pose.",
         [["policy", "direction [deg]", "rejected impulse [Ns]"], *data],
+        alone=True,
         **_drawn(lambda path: plots.polar_map(points, bound, path, title="")),
     )
 
@@ -163,6 +166,7 @@ def _success_map(e: Evaluation) -> Figure:
         f"{len(pushes)} directions, forward up; 8 sampled trials in each cell of 6 Ns, 40 whole ones where it was"
         " close. Blank: not searched. Dashed: equation (6) in the policy's nominal pose.",
         [["direction", "impulse [Ns]", "recovered", "trials"], *data],
+        alone=True,
         **_drawn(lambda path: drawings.success_map(e.cells, pushes, _bound(e, pose), path)),
     )
 
@@ -199,6 +203,7 @@ def _footprints(e: Evaluation, trace: Trace) -> Figure:
         f"{video.push_words(trace.trial.push)}: {_end(trace)}. Dashed soles: where the feet stood; numbers: the steps"
         " in their order. The paper's figure 5, c.",
         [["step", "foot", "landing [s]", "x [m]", "y [m]", "length [m]"], *steps],
+        wide=True,
         **_drawn(lambda path: drawings.footprints(trace, path)),
     )
 
