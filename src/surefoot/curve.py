@@ -1,8 +1,9 @@
-"""Learning curve: the table that a run leaves, one row per probe; read here without torch."""
+"""Learning curves: the table that a run leaves, one row per probe; read here without torch."""
 
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 from surefoot.errors import UserError
@@ -21,3 +22,32 @@ def read_curve(path: str | Path) -> list[dict[str, float]]:
         raise UserError(f"cannot read {path}: {error.strerror or error}") from error
     except (TypeError, ValueError) as error:
         raise UserError(f"{path} is not a learning curve: {error}") from error
+
+
+def read_curves(folder: str | Path) -> dict[str, list[list[dict[str, float]]]]:
+    """The learning curves in a folder: algorithm -> runs -> rows.
+
+    Args:
+        folder: it holds ALGORITHM-SEED.csv files, or run folders, or is one.
+
+    Raises:
+        UserError: there are none, or they cannot be read.
+    """
+    folder = Path(folder)
+    found: dict[str, list[list[dict[str, float]]]] = {}
+    for file in sorted([folder / "curve.csv", *folder.glob("*/curve.csv")]):
+        if file.exists():
+            found.setdefault(_algorithm(file.parent), []).append(read_curve(file))
+    for file in [] if found else sorted(folder.glob("*.csv")):
+        found.setdefault(file.stem.split("-")[0], []).append(read_curve(file))
+    if not found:
+        raise UserError(f"no learning curves in {folder}: neither run folders nor ALGORITHM-SEED.csv")
+    return found
+
+
+def _algorithm(run: Path) -> str:
+    file = run / "config.json"
+    try:
+        return json.loads(file.read_text())["algorithm"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(f"cannot read the algorithm of {file}: {error}") from error

@@ -21,7 +21,7 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
     Args:
         policies: thresholds at the pelvis by the policy's name; the four main directions must be among them.
     """
-    rows = [_bar_row(name, thresholds) for name, thresholds in policies.items()]
+    rows = [bar_row(name, thresholds) for name, thresholds in policies.items()]
     equation = paper.TABLE_1["equation (6)"]
     sagittal, lateral = tables.worse_bounds(robot)
     rows.append(plots.BarRow("equation (6)", sagittal, lateral, equation.sagittal, equation.lateral))
@@ -53,7 +53,8 @@ def draw_strip(policy: Policy, thresholds: Sequence[Threshold], path: Path) -> P
     return path
 
 
-def _bar_row(name: str, thresholds: Sequence[Threshold]) -> plots.BarRow:
+def bar_row(name: str, thresholds: Sequence[Threshold]) -> plots.BarRow:
+    """One policy's bars, the worse direction of each plane."""
     pushes = tables.pelvis_pushes(thresholds)
     sagittal = tables.worse_of(pushes, ("forward", "backward")).size
     lateral = tables.worse_of(pushes, ("left", "right")).size

@@ -90,6 +90,10 @@ _EXPORTS = {
 }
 
 
+Key = tuple[str, str]
+"""Digests of a policy and of a setup."""
+
+
 @dataclass(frozen=True)
 class Row:
     """A trial as it stands in the table: enough to run it again."""
@@ -182,16 +186,34 @@ class Results:
     def fixed_outcomes(self, policy_name: str) -> dict[str, dict[Trial, Outcome]]:
         """Outcomes of the scenarios in which nothing is searched, by scenario."""
         found: dict[str, dict[Trial, Outcome]] = {}
+        stores: dict[Key, TrialStore] = {}
         for policy, setup, name, definition, _ in self._db.execute(
             f"SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ? AND {_latest('scenarios')}",
             (policy_name,),
         ).fetchall():
             scenario = from_json(json.loads(definition))
             if not scenario.search:
-                known = TrialStore(self._db, policy, setup)
+                known = stores.get((policy, setup)) or self.outcomes((policy, setup))
+                stores[policy, setup] = known
                 asked = [trial for line in scenario.lines() for trial in line.fixed_trials()]
                 found[name] = {trial: outcome for trial in asked if (outcome := known.get(trial))}
         return found
+
+    def evaluated(self) -> list[tuple[Key, str, str]]:
+        """Key, name and contract as JSON of every policy with a finished evaluation, the last one of each name."""
+        rows = self._db.execute(
+            "SELECT DISTINCT policy, setup, name, contract FROM scenarios JOIN policies USING (policy)"
+            f" WHERE {_latest('scenarios')} ORDER BY name"
+        )
+        return [((policy, setup), name, contract) for policy, setup, name, contract in rows]
+
+    def outcomes(self, key: Key) -> TrialStore:
+        """All outcomes of one policy under one setup."""
+        return TrialStore(self._db, *key)
+
+    def query(self, sql: str, *values: Any) -> list[dict[str, Any]]:
+        """Rows of a SELECT, for reports."""
+        return _as_dicts(self._db.execute(sql, values))
 
     def audit(self, policy: Policy) -> tuple[float, float]:
         """Largest share of a torque and of a speed limit that any of the policy's trials used."""
@@ -270,6 +292,17 @@ class TrialStore:
         if time.monotonic() - self._committed > COMMIT_S:
             self._db.commit()
             self._committed = time.monotonic()
+
+
+def open_results(path: str | Path) -> Results:
+    """A results table that is there already, to read from.
+
+    Raises:
+        UserError: it is not there, or not a results table.
+    """
+    if not Path(path).is_file():
+        raise UserError(f"there is no results table {path}; surefoot evaluate --results writes one")
+    return Results(path)
 
 
 def check_export(path: str | Path) -> None:

@@ -178,21 +178,17 @@ class _Arena:
     def _begin(self, slots: np.ndarray, trials: list[Trial]) -> None:
         if any(trial.world != self.world for trial in trials):
             raise UserError(f"a trial is for another world than this batch's, {self.world}")
-        rngs = [np.random.default_rng(trial.seed) for trial in trials]
-        noise = np.array([rng.uniform(-JOINT_NOISE, JOINT_NOISE, self.robot.num_joints) for rng in rngs])
-        offset = [rng.integers(TICKS_PER_STEP) for rng in rngs]
+        noise, begins = zip(*(draws(trial, self.robot.num_joints) for trial in trials), strict=True)
         drops = [trial.drop or _ON_THE_FLOOR for trial in trials]
         start_ticks = self.loop.reset(
             slots,
-            np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper),
+            np.clip(self.loop.nominal + np.array(noise), self.robot.joint_lower, self.robot.joint_upper),
             height=np.array([drop.height for drop in drops]),
             roll=np.array([drop.roll for drop in drops]),
             pitch=np.array([drop.pitch for drop in drops]),
         )
         self.policy.reset(slots)
-        begin = np.array(
-            [0 if trial.drop else round(SETTLE_S * CONTROL_HZ) + o for trial, o in zip(trials, offset, strict=True)]
-        )
+        begin = np.array(begins)
         for slot, trial, tick in zip(slots.tolist(), trials, begin.tolist(), strict=True):
             self.loop.spoil(slot, trial.imperfections, trial.seed)
             self._schedule(self.loop.pushes, slot, trial.push, tick)
@@ -221,6 +217,15 @@ class _Arena:
         if key not in self._arms:
             self._arms[key] = self.robot.lever_arm(self.loop.nominal, *key)
         return self._arms[key]
+
+
+def draws(trial: Trial, num_joints: int) -> tuple[np.ndarray, int]:
+    """What the seed draws: what the start angles are off by (num_joints,) [rad], and the tick from which the starts
+    of the pushes are counted."""
+    rng = np.random.default_rng(trial.seed)
+    noise = rng.uniform(-JOINT_NOISE, JOINT_NOISE, num_joints)
+    offset = int(rng.integers(TICKS_PER_STEP))
+    return noise, 0 if trial.drop else round(SETTLE_S * CONTROL_HZ) + offset
 
 
 _ON_THE_FLOOR = Drop(0.0)

@@ -1,0 +1,125 @@
+"""Commands that learn: train, reproduce."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from surefoot.commands.terminal import (
+    check_not_negative,
+    check_positive,
+    clock,
+    console,
+    evaluation_bar,
+    needs_torch,
+    training_bar,
+)
+
+if TYPE_CHECKING:
+    from surefoot.reproduce import Study
+
+
+@dataclass(frozen=True)
+class Train:
+    """Learn a policy. Ctrl-C stops a run; --resume takes it up again."""
+
+    algorithm: str = "trpo"
+    """trpo, ppo or ddpg."""
+    preset: str = "fast"
+    """fast (a quarter of an hour on a laptop), gentle (a few minutes, smaller pushes) or paper (the paper's
+    hyperparameters, pose and pushes)."""
+    run: Path | None = None
+    """Folder of the run; runs/PRESET-ALGORITHM-SEED without it."""
+    minutes: float | None = None
+    """Wall-clock budget; the preset's without it."""
+    steps: int | None = None
+    """Budget in policy steps; the run ends with the first budget that is used up."""
+    seed: int = 0
+    """Seed of everything random."""
+    resume: Path | None = None
+    """Go on with the run in this folder instead of starting one."""
+
+    def main(self) -> None:
+        with needs_torch():
+            from surefoot.learning.config import preset
+            from surefoot.learning.run_folder import RunFolder
+            from surefoot.learning.train import train, with_budget
+        check_positive("minutes", self.minutes)
+        check_positive("steps", self.steps)
+        check_not_negative("seed", self.seed)
+        if self.resume is None:
+            config = with_budget(preset(self.preset, self.algorithm), self.minutes, self.steps, self.seed)
+            folder = self.run or Path("runs") / f"{config.preset}-{config.algorithm}-{config.seed}"
+        else:
+            config, folder = RunFolder(self.resume).config(), self.resume
+            config = with_budget(config, self.minutes, self.steps, config.seed)
+        console.print(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
+        console.print("the bar ends with the impulses about rejected now: forward/left/backward/right")
+        try:
+            with training_bar() as show:
+                train(config, folder, self.resume is not None, show)
+        except KeyboardInterrupt:
+            console.print(f"interrupted; go on with: surefoot train --resume {folder}")
+            raise
+        console.print(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """The paper's whole study: train three algorithms over seeds, evaluate each on the paper's tests, make the page.
+
+    Every stage that is done is skipped, so that the same command goes on after an interruption. Seven seeds as in the
+    paper are 21 trainings and evaluations, seven hours on two cores with the usual budget.
+    """
+
+    fast: bool = False
+    """Three seeds instead of seven."""
+    minutes: float | None = None
+    """Wall-clock budget of each training; the preset's without it."""
+    preset: str = "fast"
+    """Of the trainings, as for `surefoot train`."""
+    suite: str = "paper"
+    """Of the evaluations, as for `surefoot evaluate`."""
+    out: Path = Path("runs/reproduce")
+    """Folder for run folders, results table and page."""
+
+    def main(self) -> None:
+        with needs_torch():
+            from surefoot import reproduce
+        from surefoot.scenarios import suite
+
+        check_positive("minutes", self.minutes)
+        num_seeds = reproduce.FAST_SEEDS if self.fast else reproduce.FULL_SEEDS
+        study = reproduce.Study(self.out, num_seeds, self.minutes, self.preset, scenarios=suite(self.suite))
+        try:
+            self._run(study)
+        except KeyboardInterrupt:
+            console.print("interrupted; the same command goes on from here")
+            raise
+
+    def _run(self, study: Study) -> None:
+        from surefoot import reproduce
+
+        runs, measured = study.runs(), list[float]()
+        num_lines = sum(len(scenario.lines()) for scenario in study.scenarios)
+        for number, run in enumerate(runs):
+            for stage, is_done in (("train", run.is_trained), ("evaluate", run.is_evaluated)):
+                words = f"{2 * number + 1 + (stage == 'evaluate')}/{2 * len(runs) + 1} {stage} {run.folder.name}"
+                if is_done:
+                    console.print(f"{words}: done before")
+                    continue
+                left = clock(reproduce.seconds_left(runs, measured))
+                console.print(f"{words}; about {left} left in all")
+                if stage == "train":
+                    with training_bar() as show:
+                        reproduce.train_run(run, show)
+                else:
+                    began = time.monotonic()
+                    with evaluation_bar(num_lines) as watch:
+                        reproduce.evaluate_run(run, watch)
+                    measured.append(time.monotonic() - began)
+        console.print(f"{2 * len(runs) + 1}/{2 * len(runs) + 1} report")
+        reproduce.report_study(study)
+        console.print(f"page: {study.out / 'report.html'}", soft_wrap=True)

@@ -1,0 +1,104 @@
+"""What all commands share: where they print, the bars that show progress, and checks of their options."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from surefoot.errors import UserError
+
+console = Console(stderr=True)
+"""Everything but the results goes to standard error."""
+
+
+@contextlib.contextmanager
+def needs_torch() -> Iterator[None]:
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise UserError(f"this needs {error.name}: pip install 'surefoot[learn]'") from error
+
+
+@contextlib.contextmanager
+def training_bar() -> Iterator:
+    """A bar with time left, steps/s, episode length, and what the last probe rejected; it fits into 80 columns."""
+    columns = (SpinnerColumn(), BarColumn(bar_width=12), TextColumn("{task.fields[says]}"))
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("train", total=1.0, says="starting")
+
+        def show(progress) -> None:
+            left = progress.seconds * (1.0 - progress.share) / max(progress.share, 1e-9)
+            says = (
+                f"{clock(left)} left, {progress.steps / 1000:,.0f}k steps, {progress.steps_per_s:,.0f}/s, "
+                f"episode {progress.episode_length / 25:.1f} s"
+            )
+            if progress.probe:
+                says += f", {'/'.join(f'{ns:.0f}' for ns in progress.probe.main_directions().values())} Ns"
+            bar.update(task, completed=progress.share, says=says)
+
+        yield show
+
+
+@contextlib.contextmanager
+def evaluation_bar(num_lines: int) -> Iterator:
+    """A bar of lines done, with what is reached along each line still searched; it fits into 80 columns."""
+    columns = (SpinnerColumn(), BarColumn(bar_width=12), TextColumn("{task.fields[says]}"), TimeElapsedColumn())
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("evaluate", total=num_lines, says="pushing")
+        before = last_done = 0
+
+        def show(num_trials: int, num_done: int, reached: list) -> None:
+            nonlocal before, last_done
+            if num_done < last_done:  # the next batch of lines has begun
+                before += last_done
+            last_done = num_done
+            sizes = " ".join(f"{size:g}" for _, size in reached[:8])
+            says = f"{num_trials:,} trials, {before + num_done}/{num_lines} lines, at {sizes}"
+            bar.update(task, completed=before + num_done, says=says[:56])
+
+        yield show
+
+
+def results_console(json_path: str | None) -> Console:
+    """Standard output belongs to the JSON if it is asked for there."""
+    return console if json_path == "-" else Console()
+
+
+def write_json(figures: dict[str, float], path: str) -> None:
+    text = json.dumps(figures, indent=2) + "\n"
+    if path == "-":
+        sys.stdout.write(text)
+        return
+    write_text(Path(path), text)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Raises UserError: the file cannot be written."""
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}") from error
+
+
+def clock(seconds: float) -> str:
+    """Minutes and seconds, from an hour on hours and minutes: "4:05", "1 h 20"."""
+    if seconds >= 3600.0:
+        return f"{int(seconds // 3600)} h {int(seconds % 3600 // 60):02d}"
+    return f"{int(seconds // 60)}:{int(seconds % 60):02d}"
+
+
+def check_positive(name: str, value: float | None) -> None:
+    if value is not None and not (np.isfinite(value) and value > 0):
+        raise UserError(f"{name} must be a positive number, not {value}")
+
+
+def check_not_negative(name: str, value: int) -> None:
+    if value < 0:
+        raise UserError(f"{name} must not be negative, not {value}")

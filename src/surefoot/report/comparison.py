@@ -1,0 +1,187 @@
+"""Tables of the report beside those of `surefoot.tables`: several policies side by side, and what each trial shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from surefoot import paper, tables
+from surefoot.evaluation import Threshold
+from surefoot.figures import share_kept
+from surefoot.report.read import Evaluation
+from surefoot.scenarios import DIRECTIONS, NOISE, ROBUSTNESS
+from surefoot.tables import Table, by_scenario, pelvis_pushes, worse_of
+
+_ROBUSTNESS_NAMES = {scenario.name for scenario in ROBUSTNESS}
+
+
+def side_by_side(evaluations: Sequence[Evaluation]) -> list[Table]:
+    """Tables I and IV, published figures, share kept and quiet standing of all policies."""
+    found = []
+    main = {e.name: e.thresholds for e in evaluations if e.has_main_directions}
+    if main:
+        found.append(tables.table_1(main, evaluations[0].robot))
+    if len(evaluations) > 1:
+        found.append(seeds_table(evaluations))
+    no_step = {
+        name: thresholds for name, thresholds in main.items() if "pelvis_push_no_step" in by_scenario(thresholds)
+    }
+    found += [tables.table_4(no_step, evaluations[0].robot), tables.published_table()]
+    found += [share_kept_table(evaluations), quiet_side_by_side(evaluations)]
+    return [table for table in found if table.rows]
+
+
+def of_policy(evaluation: Evaluation) -> list[Table]:
+    """Every table of one policy, in the order of the page."""
+    e, robot = evaluation, evaluation.robot
+    pose = np.array(e.contract.nominal_pose)
+    others = [t for t in e.thresholds if t.line.scenario.name not in _ROBUSTNESS_NAMES]
+    found = [tables.direction_table(e.name, e.thresholds, robot, pose)]
+    found += [tables.table_2(e.fixed), tables.table_3(e.thresholds, robot, e.steps), *tables.table_5(e.fixed, robot)]
+    found += [limits_table(e.thresholds), tables.scenario_table(e.name, others), robustness_table(e.thresholds)]
+    found += [tables.quiet_table(e.fixed), audit_table(e)]
+    return [table for table in found if table.rows]
+
+
+def seeds_table(evaluations: Sequence[Evaluation]) -> Table:
+    """Median and range over the policies that one algorithm learned, beside the paper's single runs."""
+    groups: dict[str, list[Evaluation]] = {}
+    for e in evaluations:
+        if e.has_main_directions:
+            groups.setdefault(e.algorithm, []).append(e)
+    rows = []
+    for algorithm, several in groups.items():
+        if len(several) > 1:
+            row = tables.paper_row(algorithm)
+            cells = [algorithm, str(len(several))]
+            for plane, names in (("sagittal", ("forward", "backward")), ("lateral", ("left", "right"))):
+                sizes = [worse_of(pelvis_pushes(e.thresholds), names).size for e in several]
+                cells += [f"{np.median(sizes):g}", f"{min(sizes):g} to {max(sizes):g}"]
+                cells.append(f"{getattr(row, plane):g}" if row else "")
+            rows.append(cells)
+    columns = ["algorithm", "seeds", "sagittal", "range", "paper", "lateral", "range", "paper"]
+    return Table("Over seeds: rejected impulse [Ns]", columns, rows, "Median over seeds of the worse direction.")
+
+
+def share_kept_table(evaluations: Sequence[Evaluation]) -> Table:
+    """What is kept of the rejected impulse under noise and beyond the paper: a row per scenario."""
+    rows = []
+    for name in [*NOISE, *(s.name for s in ROBUSTNESS)]:
+        shares = [_share(e, name) for e in evaluations]
+        if any(shares):
+            rows.append([_words(name), *shares])
+    note = (
+        "Mean over the directions of the rejected impulse under this condition over the undisturbed one, at most all."
+        " The paper says of its noise that the policy handles it, without a number."
+    )
+    return Table("Share kept of the rejected impulse", ["condition", *(e.name for e in evaluations)], rows, note)
+
+
+def _share(evaluation: Evaluation, name: str) -> str:
+    found = by_scenario(evaluation.thresholds)
+    clean, disturbed = found.get("pelvis_push", {}), found.get(name, {})
+    if not disturbed or not disturbed.keys() <= clean.keys():
+        return ""
+    return f"{share_kept(clean, disturbed):.0%}"
+
+
+def quiet_side_by_side(evaluations: Sequence[Evaluation]) -> Table:
+    """Quiet standing of all policies, 60 s undisturbed."""
+    rows = []
+    for e in evaluations:
+        table = tables.quiet_table(e.fixed)
+        rows += [[e.name, *row] for row in table.rows]
+    blank = tables.quiet_table({})
+    return Table("Quiet standing, side by side", ["policy", "case", *blank.columns[1:]], rows, blank.note)
+
+
+def limits_table(thresholds: Sequence[Threshold]) -> Table:
+    """The paper's single figures of section V: landing, lift and push, the largest push without a step."""
+    found = by_scenario(thresholds)
+    rows = []
+    for scenario, directions, words, theirs in (
+        ("pelvis_push_no_step", ("forward", "backward"), "without a step, sagittal", paper.WITHOUT_STEP.sagittal),
+        ("pelvis_push_no_step", ("left", "right"), "without a step, lateral", paper.WITHOUT_STEP.lateral),
+        ("landing_height", None, "drop height", paper.LANDING_HEIGHT),
+        ("landing_tilt", None, "tilt, dropped from 0.4 m", paper.LANDING_TILT),
+        ("combined", None, "push after a lift of 500 Ns", paper.COMBINED[1]),
+    ):
+        lines = found.get(scenario, {})
+        if lines and (directions is None or tables.has_main_directions(lines)):
+            worst = worse_of(lines, directions or list(lines))
+            rows.append([words, f"{worst.size:g}", f"{theirs:g}", worst.line.scenario.unit, *_interval(worst)])
+    columns = ["", "ours", "paper", "unit", "recovered", "Wilson 95 %"]
+    return Table("Without a step, landing, combined", columns, rows, "Ours: the worst direction.")
+
+
+def robustness_table(thresholds: Sequence[Threshold]) -> Table:
+    """The suite `robustness`: a row per scenario, with what is kept of the undisturbed thresholds."""
+    found = by_scenario(thresholds)
+    clean = found.get("pelvis_push", {})
+    rows = []
+    for scenario in ROBUSTNESS:
+        lines = found.get(scenario.name)
+        if not lines:
+            continue
+        worst = worse_of(lines, list(lines))
+        kept = f"{share_kept(clean, lines):.0%}" if lines.keys() <= clean.keys() else ""
+        sizes = [f"{lines[d].size:g}" if d in lines else "" for d in DIRECTIONS]
+        rows.append([_words(scenario.name), *sizes, kept, *_interval(worst)])
+    columns = ["condition", *DIRECTIONS, "kept", "recovered", "Wilson 95 %"]
+    note = (
+        "Rejected impulse at the pelvis [Ns]. Kept: of the undisturbed one. Recovered: trials at the worst direction."
+    )
+    return Table("Beyond the paper: robustness", columns, rows, note)
+
+
+def audit_table(evaluation: Evaluation) -> Table:
+    """Legality audit: every trial of every scenario, how it ended and what it used of the limits."""
+    counts = ("trials", "recovered", "fell", "restless", "tilted", "diverged")
+    shares = ("torque_recovered", "speed_recovered", "torque", "speed")
+    rows = [
+        [
+            _words(row["scenario"]),
+            *(str(row[key]) for key in counts),
+            *("" if row[key] is None else f"{row[key]:.2f}" for key in shares),
+        ]
+        for row in evaluation.audit
+    ]
+    columns = ["scenario", *counts, "torque", "speed", "torque, all", "speed, all"]
+    note = (
+        "Every trial that was run, most of them near the limit of what is recovered; one that two scenarios share is"
+        " counted at the first. Torque and speed: largest share of a joint's limit that a recovered trial used, and"
+        " that any trial used, falls included. No torque exceeds its limit; a speed may where the outside drives a"
+        " joint, since at its speed limit a motor only stops pushing."
+    )
+    return Table("Legality audit", columns, rows, note)
+
+
+def versions_table(evaluations: Sequence[Evaluation]) -> Table:
+    """Where the figures come from."""
+    rows = []
+    for e in evaluations:
+        training = e.contract.training
+        learned = ", ".join(
+            [
+                f"{training[key]}" if key in ("algorithm", "preset") else f"{key.replace('_', ' ')} {training[key]}"
+                for key in ("algorithm", "preset", "seed", "policy_steps", "minutes")
+                if key in training
+            ]
+        )
+        trials = sum(row["trials"] for row in e.audit)
+        digests = [e.key[0][:12], e.key[1][:12]]
+        rows.append([e.name, *digests, e.versions, learned or "not learned", f"{trials}", f"{e.wall_s / 60:.1f}"])
+    columns = ["policy", "digest", "setup", "versions", "learning", "trials", "evaluation [min]"]
+    note = "Setup: robot model, MuJoCo version and protocol, as one digest (SHA-256, first 12 digits)."
+    return Table("Versions and digests", columns, rows, note)
+
+
+def _interval(threshold: Threshold) -> list[str]:
+    if not threshold.trials:  # not even the smallest cell holds
+        return ["", ""]
+    return [f"{threshold.recovered}/{threshold.trials}", f"{threshold.low:.2f} to {threshold.high:.2f}"]
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")

@@ -1,0 +1,133 @@
+"""Traces: single trials run again, with every tick kept, for curves over time and footprints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.ndimage import binary_closing
+
+from surefoot.judge import Outcome
+from surefoot.policy import Policy
+from surefoot.robot import FLOOR, Robot, load_robot
+from surefoot.scene import Moment
+from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP, Simulation, Ticks, roll_pitch
+from surefoot.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
+from surefoot.trials import Trial, TrialSource, draws, run_trials
+from surefoot.video import Recording
+
+STRIDE = 10
+"""Curves show every tenth tick: 50 Hz."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One trial, tick by tick.
+
+    Attributes:
+        ticks: of one robot, (1, num_ticks, ...), from its reset to its verdict.
+        begin: tick at which the disturbance began.
+        layout: of the ticks' record.
+    """
+
+    trial: Trial
+    outcome: Outcome
+    ticks: Ticks
+    begin: int
+    layout: dict[str, slice]
+
+    @cached_property
+    def time(self) -> np.ndarray:
+        """Since the disturbance began (num_ticks,) [s]."""
+        return (np.arange(len(self.ticks)) - self.begin) * CONTROL_DT
+
+    @cached_property
+    def com_shift(self) -> np.ndarray:
+        """Horizontal CoM position, counted from where it was at the disturbance: (num_ticks, 2) [m], world frame."""
+        place = self.ticks.com_position[0, :, :2]
+        return place - place[self.begin]
+
+    @property
+    def pelvis_attitude_deg(self) -> np.ndarray:
+        """Roll and pitch: (2, num_ticks) [deg]."""
+        return np.degrees(self.ticks.pelvis_attitude[:, 0])
+
+    @cached_property
+    def foot_loaded(self) -> np.ndarray:
+        """Does the foot carry load, but for chatter? bool (num_ticks, 2): left, right."""
+        loaded = self.ticks.foot_force[0] > LOADED_FORCE
+        gap = np.ones((round(DEBOUNCE_S / CONTROL_DT) + 1, 1))
+        return loaded | binary_closing(loaded, gap)
+
+    @property
+    def sole_height(self) -> np.ndarray:
+        """Height of the soles' centres above a flat floor: (num_ticks, 2) [m]."""
+        return self.ticks.sole_position[0, ..., 2] - self.ticks.robot.model().geom(FLOOR).pos[2]
+
+    @property
+    def foot_attitude_deg(self) -> np.ndarray:
+        """Roll and pitch of the feet: (2, num_ticks, 2) [deg]."""
+        return np.degrees(roll_pitch(self.ticks.foot_orientation[0]))
+
+    @cached_property
+    def strategies(self) -> Strategies:
+        """What the robot did, with the places of its steps, told from the ticks as in the trial itself."""
+        watch, ids = StrategyWatch(self.ticks.robot, 1), np.array([0])
+        watch.reset(ids, self.part(slice(0, 1)))
+        for first in range(0, len(self.ticks), TICKS_PER_STEP):
+            active = self.time[None, first : first + TICKS_PER_STEP] > -0.5 * CONTROL_DT
+            watch.update(ids, self.part(slice(first, first + TICKS_PER_STEP)), active)
+        return watch.strategies(0)
+
+    def part(self, ticks: slice) -> Ticks:
+        """Some of the ticks."""
+        return Ticks(self.ticks.robot, self.layout, self.ticks.record[:, ticks])
+
+    def recording(self, policy_name: str) -> Recording:
+        """As `surefoot.video` draws it."""
+        ticks = range(self.begin % STRIDE, len(self.time), STRIDE)
+        moments = (Moment.of(self.ticks, tick=tick, time=float(self.time[tick])) for tick in ticks)
+        fps = CONTROL_HZ // STRIDE
+        return Recording(policy_name, self.ticks.robot, self.trial, self.outcome, fps, tuple(moments))
+
+
+def run_traces(policy: Policy, trials: Mapping[str, Trial]) -> dict[str, Trace]:
+    """Run some whole trials of one policy again, those in the same world as one batch."""
+    traces: dict[Trial, Trace] = {}
+    for world in dict.fromkeys(trial.world for trial in trials.values()):
+        recorder = _Recorder(list(dict.fromkeys(trial for trial in trials.values() if trial.world == world)))
+        run_trials(policy, recorder, len(recorder.trials), on_step=recorder.watch, world=world)
+        traces |= recorder.traces(load_robot(policy.contract.robot))
+    return {name: traces[trial] for name, trial in trials.items()}
+
+
+class _Recorder(TrialSource):
+    """As many trials as there are slots, each in the slot of its place, and all their ticks."""
+
+    def __init__(self, trials: list[Trial]):
+        self.trials = trials
+        self._todo = iter(trials)
+        self._outcomes: dict[Trial, Outcome] = {}
+        self._records: list[list[np.ndarray]] = [[] for _ in trials]
+
+    def next(self) -> Trial | None:
+        return next(self._todo, None)
+
+    def report(self, trial: Trial, outcome: Outcome) -> None:
+        self._outcomes[trial] = outcome
+
+    def watch(self, slots: np.ndarray, ticks: Ticks) -> None:
+        for row, slot in enumerate(slots.tolist()):
+            self._records[slot].append(ticks.record[row].copy())
+
+    def traces(self, robot: Robot) -> dict[Trial, Trace]:
+        layout = Simulation(robot, 1, num_threads=1).layout
+        found = {}
+        for trial, records in zip(self.trials, self._records, strict=True):
+            ticks = Ticks(robot, layout, np.concatenate(records)[None])
+            _, begin = draws(trial, robot.num_joints)
+            begin += round(min(push.start for push in trial.pushes) * CONTROL_HZ)
+            found[trial] = Trace(trial, self._outcomes[trial], ticks, begin, layout)
+        return found
