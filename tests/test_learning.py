@@ -164,7 +164,7 @@ def test_the_averaged_actor_follows_the_newest_one_with_its_time_constant(tmp_pa
     (weight, _), *_ = actor_layers(trainer.model)
     with torch.no_grad():
         next(iter(trainer.model.policy.actor.mu)).weight += 1.0
-    trainer.model.num_timesteps = 700
+    trainer.model.num_timesteps, trainer._averaged_steps = 10_000, 9_300
     trainer.advance()
     # 1 - exp(-700 / 1000) = 0.503 of the way to weights that are larger by 1.
     np.testing.assert_allclose(trainer._average[0][0] - weight, 0.5034, atol=1e-4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -72,7 +73,8 @@ def results_console(json_path: str | None) -> Console:
 
 
 def write_json(figures: dict[str, float], path: str) -> None:
-    text = json.dumps(figures, indent=2) + "\n"
+    known = {key: value if math.isfinite(value) else None for key, value in figures.items()}  # JSON has no NaN
+    text = json.dumps(known, indent=2) + "\n"
     if path == "-":
         sys.stdout.write(text)
         return

@@ -41,6 +41,8 @@ from surefoot.policy import Contract, NetworkPolicy, network_bytes
 PROBE_S = 30.0
 """Time from one probe and checkpoint to the next."""
 LOG_S = 2.0
+AVERAGED_SHARE = 0.2
+"""The actor is averaged over at most this share of the steps so far: the first ones are soon forgotten."""
 _FOREVER = 10**12
 
 
@@ -133,7 +135,8 @@ class Trainer:
         limit_exploration(self.model, config.log_std, 1.0 - (1.0 - config.final_noise) * self.progress.share)
         if config.average_steps:
             steps = self.model.num_timesteps - self._averaged_steps
-            newest = 1.0 - np.exp(-steps / config.average_steps)
+            over = min(config.average_steps, AVERAGED_SHARE * self.model.num_timesteps)
+            newest = 1.0 - np.exp(-steps / max(over, 1.0))
             for averaged, layer in zip(self._average, actor_layers(self.model), strict=True):
                 for old, new in zip(averaged, layer, strict=True):
                     old += newest * (new - old)
