@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot.cli import COMMANDS, _scenarios
+from surefoot.cli import COMMANDS
+from surefoot.commands.testing import chosen_scenarios
 from surefoot.policy import Contract, network_bytes, shipped_policies
 from surefoot.robot import load_robot
 
@@ -112,11 +113,11 @@ def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard
 
 
 def test_directions_are_those_of_the_pelvis_pushes_and_a_files_own_stay_as_they_stand(tmp_path: Path) -> None:
-    (paper,) = (scenario for scenario in _scenarios("paper", 16) if scenario.name == "pelvis_push")
+    (paper,) = (scenario for scenario in chosen_scenarios("paper", 16) if scenario.name == "pelvis_push")
     assert paper.directions == 16
-    assert [scenario.directions for scenario in _scenarios("pelvis", 8)] == [8]
+    assert [scenario.directions for scenario in chosen_scenarios("pelvis", 8)] == [8]
     (tmp_path / "s.toml").write_text('[[scenario]]\nname = "pelvis_push"\nlatency = 0.02\n')
-    (own,) = _scenarios(str(tmp_path / "s.toml"), 16)
+    (own,) = chosen_scenarios(str(tmp_path / "s.toml"), 16)
     assert (own.latency, own.directions) == (0.02, 4)
 
 
