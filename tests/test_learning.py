@@ -53,6 +53,8 @@ def make(config: TrainConfig):
 # Pushes that throw over a robot that only holds its pose, and an episode short enough to see many of them.
 HARD = DisturbanceConfig(impulse=(26.5, 106.0), first=(0.4, 0.8), interval=(2.4, 3.0))
 STEPS = {"trpo": 200_000, "ppo": 120_000, "ddpg": 50_000}
+# Returns over three steps carry DDPG through its first minute faster than the preset, made for longer runs.
+HURRY: dict[str, dict[str, int]] = {"trpo": {}, "ppo": {}, "ddpg": {"n_steps": 3}}
 
 
 def mean_return(policy, config: EnvConfig, num_envs: int = 64, num_steps: int = 250) -> float:
@@ -74,6 +76,7 @@ def test_a_short_run_beats_holding_the_nominal_pose(algorithm: str, tmp_path: Pa
     config = dataclasses.replace(
         config,
         env=dataclasses.replace(config.env, pose="straight", disturbance=HARD),
+        hyper={**config.hyper, **HURRY[algorithm]},
         minutes=30.0,
         steps=STEPS[algorithm],
     )

@@ -80,7 +80,7 @@ def test_differences_are_of_bits_and_nan_equals_nan(table: Path) -> None:
     assert [name for name, _, _ in replay.differences(before, after)] == ["com_speed", "steps"]
 
 
-def test_the_command_says_identical_and_draws_the_trial(table: Path, tmp_path: Path) -> None:
+def test_the_command_says_identical(table: Path, tmp_path: Path) -> None:
     done = surefoot("replay", table, "1", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     first, second = done.stdout.splitlines()

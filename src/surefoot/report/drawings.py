@@ -29,7 +29,7 @@ FIRST, SECOND = "#2b6cb0", "#d1600f"
 LEFT, RIGHT = "#0f8b9d", "#b5327a"
 """Feet."""
 _PUSH = "#e8b32a"
-_SHARES = LinearSegmentedColormap.from_list("shares", ["#c4501b", "#f0c9a8", "#e9eef4", "#a8c4e4", "#2b6cb0"])
+_SHARES = LinearSegmentedColormap.from_list("shares", ["#d0662f", "#f0c9a8", "#eef1f5", "#b4cdea", "#6aa1d8"])
 _BEFORE, _AFTER = -0.5, 6.0
 """What is shown of a trial, about the beginning of its disturbance [s]."""
 _LEAST = 5.0
