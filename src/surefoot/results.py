@@ -15,6 +15,7 @@ import sqlite3
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -252,7 +253,9 @@ class Results:
         if table not in _EXPORTS:
             raise UserError(f"unknown table '{table}'; valid: {', '.join(_EXPORTS)}")
         check_export(path)
-        write = pyarrow.csv.write_csv if Path(path).suffix == ".csv" else pyarrow.parquet.write_table
+        write: Callable[..., None] = pyarrow.csv.write_csv
+        if Path(path).suffix == ".parquet":
+            write = partial(pyarrow.parquet.write_table, compression="zstd", compression_level=15)
         rows = _as_dicts(self._db.execute(_EXPORTS[table]))
         try:
             write(pyarrow.Table.from_pylist(rows), str(path))

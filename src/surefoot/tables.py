@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from rich import box
 from rich.markup import escape
 from rich.table import Table as RichTable
 
@@ -38,7 +39,16 @@ class Table:
     def rich(self) -> RichTable:
         """For the terminal."""
         title, note = escape(self.title), escape(self.note)
-        table = RichTable(title=title, title_justify="left", caption=note or None, caption_justify="left")
+        table = RichTable(
+            title=title,
+            title_justify="left",
+            title_style="bold",
+            caption=note or None,
+            caption_justify="left",
+            box=box.SIMPLE_HEAD,
+            pad_edge=False,
+            collapse_padding=True,
+        )
         for i, column in enumerate(self.columns):
             table.add_column(escape(column), justify="right" if i else "left")
         for row in self.rows:
@@ -191,7 +201,6 @@ def table_1(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
                 f"{row.sagittal:.0f}" if row else "",
                 f"{lateral.size:.0f}",
                 f"{row.lateral:.0f}" if row else "",
-                f"{sagittal.size / robot.mass:.2f}, {lateral.size / robot.mass:.2f}",
             ]
         )
     bound = paper.TABLE_1["equation (6)"]
@@ -205,10 +214,9 @@ def table_1(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
             f"{bound.sagittal:.0f}",
             f"{lateral_bound:.0f}",
             f"{bound.lateral:.0f}",
-            f"{sagittal_bound / robot.mass:.2f}, {lateral_bound / robot.mass:.2f}",
         ]
     )
-    columns = ["", *DIRECTIONS, "sagittal", "paper", "lateral", "paper", "[Ns/kg]"]
+    columns = ["", *DIRECTIONS, "sagittal", "paper", "lateral", "paper"]
     note = "Sagittal and lateral: the worse of the two directions. Equation (6): the paper's straight pose."
     return Table("Table I: largest rejected impulse [Ns]", columns, rows, note)
 
