@@ -52,7 +52,7 @@ def make(config: TrainConfig):
 
 # Pushes that throw over a robot that only holds its pose, and an episode short enough to see many of them.
 HARD = DisturbanceConfig(impulse=(26.5, 106.0), first=(0.4, 0.8), interval=(2.4, 3.0))
-STEPS = {"trpo": 200_000, "ppo": 120_000, "ddpg": 50_000}
+STEPS = {"trpo": 200_000, "ppo": 120_000, "ddpg": 100_000}
 # Returns over three steps carry DDPG through its first minute faster than the preset, made for longer runs.
 HURRY: dict[str, dict[str, int]] = {"trpo": {}, "ppo": {}, "ddpg": {"n_steps": 3}}
 

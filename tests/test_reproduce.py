@@ -13,7 +13,7 @@ import pytest
 from surefoot import reproduce
 from surefoot.curve import read_curve
 from surefoot.errors import UserError
-from surefoot.learning.config import PRESETS, preset
+from surefoot.learning.config import preset
 from surefoot.learning.train import Progress
 from surefoot.reproduce import Study
 from surefoot.scenarios import Scenario
@@ -56,7 +56,7 @@ def test_the_paper_has_seven_seeds_and_the_fast_study_three(tmp_path: Path) -> N
     runs = Study(tmp_path).runs()
     assert [run.folder.name for run in runs][:4] == ["trpo-0", "ppo-0", "ddpg-0", "trpo-1"]
     assert len(runs) == 21
-    assert {run.config.minutes for run in runs} == {preset("fast", algorithm).minutes for algorithm in PRESETS["fast"]}
+    assert all(run.config.minutes == preset("fast", run.config.algorithm).minutes for run in runs)
     assert [run.config.seed for run in runs] == sorted(run.config.seed for run in runs)
     assert len(Study(tmp_path, reproduce.FAST_SEEDS).runs()) == 9
 

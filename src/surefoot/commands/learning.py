@@ -71,7 +71,7 @@ class Reproduce:
     """The paper's whole study: train three algorithms over seeds, evaluate each on the paper's tests, make the page.
 
     Every stage that is done is skipped, so that the same command goes on after an interruption. Seven seeds as in the
-    paper are 21 trainings and evaluations, seven hours on two cores with the usual budget.
+    paper are 21 trainings of 15 to 20 minutes and as many evaluations: seven to eight hours on two free cores.
     """
 
     fast: bool = False
