@@ -131,7 +131,15 @@ def test_play_says_where_it_is_and_ends_by_ctrl_c(tmp_path: Path):
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     command = [sys.executable, "-m", "surefoot", "play", "nominal", "--port", str(port)]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    # A shell without job control has its background jobs ignore Ctrl-C, and their children inherit that.
+    with subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as process:
         try:
             assert process.stderr
             assert process.stderr.readline() == f"push it at http://127.0.0.1:{port} (Ctrl-C ends)\n"
