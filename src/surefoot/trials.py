@@ -172,7 +172,7 @@ class _Arena:
 
     def step(self, slots: np.ndarray) -> tuple[Ticks, dict[int, Outcome]]:
         everyone = len(slots) == len(self.trial)  # then nothing is copied
-        ticks = self.loop.step(self.policy(self.loop.observation[slots], slots), None if everyone else slots)
+        ticks = self.loop.step(self.policy(self.loop.observe(slots), slots), None if everyone else slots)
         return ticks, self.judge.update(slots, ticks, self.loop.tick[slots], self.loop.simulation.diverged[slots])
 
     def _begin(self, slots: np.ndarray, trials: list[Trial]) -> None:
