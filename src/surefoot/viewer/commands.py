@@ -136,7 +136,7 @@ class Picture(_Shown):
         with console.status(f"drawing {self.out}"):
             recordings = [video.record(named_policy(self.policy), trial) for trial in trials]
             if len(recordings) == len(self.times) == 1:
-                with Scene(recordings[0].robot, *self.size) as scene:
+                with Scene(recordings[0].robot, *self.size, trials[0].world) as scene:
                     image = video.draw_moment(scene, trials[0], recordings[0].at(self.times[0]))
             else:
                 image = video.filmstrip(recordings, self.times, self.size)
