@@ -119,6 +119,17 @@ def test_a_mirrored_policy_acts_alike_on_both_sides(algorithm: str) -> None:
     np.testing.assert_allclose(mirrored, actions[:, joint_source] * joint_sign, atol=1e-5)
 
 
+def test_learning_while_the_robots_move_depends_on_the_seed_alone() -> None:
+    runs = []
+    for _ in range(2):
+        model, _ = make(tiny("ddpg"))
+        model.learn(512)
+        assert model._n_updates > 20  # they were made, one per policy step but the first ones
+        runs.append([weight for layer in actor_layers(model) for weight in layer])
+    for first, second in zip(*runs, strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
 def test_networks_are_the_papers() -> None:
     """100-50-25, tanh actor and ReLU critic, separate, linear outputs, a standard deviation of its own."""
     model, _ = make(dataclasses.replace(tiny("ppo"), mirror=False))
