@@ -178,10 +178,11 @@ _FAST = {
         env=_FAST_ENV,
     ),
 }
-# For half an hour: larger pushes, on every body, and drops.
+# For half an hour: larger pushes, on every body, and drops; then standing still costs most.
 _WIDE_ENV = dataclasses.replace(
     _FAST_ENV,
     action_scale=0.8,
+    power_weight=((0.0, 1e-3), (0.35, 1e-3), (0.6, 6e-3), (0.8, 1.2e-2)),
     drop_height=(0.1, 1.6),
     drop_share=0.1,
     disturbance=dataclasses.replace(
@@ -189,10 +190,14 @@ _WIDE_ENV = dataclasses.replace(
         bodies=("pelvis",) * 4 + ("torso", "left_thigh", "right_thigh", "left_shank", "right_shank"),
         impulse=(30.0, 420.0),
         first=(0.2, 3.4),
+        interval=(2.4, 9.0),
     ),
 )
 _WIDE = {
-    name: dataclasses.replace(config, preset="wide", minutes=35.0, env=_WIDE_ENV) for name, config in _FAST.items()
+    name: dataclasses.replace(
+        config, preset="wide", minutes=40.0, env=_WIDE_ENV, average_steps=200_000.0, final_noise=0.3
+    )
+    for name, config in _FAST.items()
 }
 PRESETS = {"paper": _PAPER, "fast": _FAST, "wide": _WIDE}
 
