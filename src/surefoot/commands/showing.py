@@ -89,7 +89,7 @@ class Pictures:
     """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
     curves: Path = Path("results/curves")
     """Folder with learning curves: ALGORITHM-SEED.csv, or the curve.csv of one run."""
-    policy: str = "trpo"
+    policy: str = "best"
     """The policy of the film strip, as for `surefoot evaluate`; it must be among the thresholds."""
     out: Path = Path("docs/pictures")
     """Folder for the pictures."""

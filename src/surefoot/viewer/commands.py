@@ -26,7 +26,7 @@ DIRECTIONS = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": -90.0}
 class Play:
     """Push the robot by hand, in a browser: opens a page on this machine and prints its address."""
 
-    policy: Annotated[str, tyro.conf.Positional] = "trpo"
+    policy: Annotated[str, tyro.conf.Positional] = "best"
     """A shipped policy's name, a policy file (.onnx), "nominal", or a run folder: its newest checkpoint is followed
     while it learns."""
     robots: int = 1
@@ -61,7 +61,7 @@ class Play:
 class _Shown:
     """Whose trial is shown, and which."""
 
-    policy: Annotated[str, tyro.conf.Positional] = "trpo"
+    policy: Annotated[str, tyro.conf.Positional] = "best"
     """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal"."""
     out: Path = Path("push")
     """The file."""
