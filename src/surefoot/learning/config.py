@@ -32,11 +32,12 @@ class TrainConfig:
         num_envs: robots in the batch.
         actor, critic: hidden layers.
         hyper: keyword arguments of the algorithm in stable-baselines3.
-        final_learning_rate: share of the learning rate left at the end; it falls linearly.
+        final_learning_rate: share of the learning rate left at the end.
+        fade_from: share of the training after which learning rate and exploration fall, linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
         noise: standard deviation of the calmest and the boldest robot's exploration (DDPG).
         noise_correlation: of the exploration from one policy step to the next.
-        final_noise: share of the exploration left at the end; it falls linearly (TRPO, PPO: the largest deviation).
+        final_noise: share of the exploration left at the end (TRPO, PPO: of the largest deviation).
         average_steps: policy steps over which the actor's weights are averaged to give the policy that is probed and
             kept; 0 for the newest weights. Learning goes on from the newest ones.
         mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
@@ -53,6 +54,7 @@ class TrainConfig:
     critic: tuple[int, ...] = LAYERS
     hyper: dict[str, Any] = field(default_factory=dict)
     final_learning_rate: float = 1.0
+    fade_from: float = 0.0
     log_std: float = 0.0
     noise: tuple[float, float] = (0.1, 0.1)
     noise_correlation: float = 0.0
@@ -120,7 +122,7 @@ _PAPER = {
 _FAST_ENV = EnvConfig(
     pose="bent",
     action_scale=0.6,
-    power_weight=((0.0, 1e-3), (0.35, 1e-3), (0.7, 6e-3), (1.0, 8e-3)),
+    power_weight=((0.0, 1e-3), (0.5, 1e-3), (0.85, 6e-3), (1.0, 8e-3)),
     power_knee=50.0,
     disturbance=DisturbanceConfig(impulse=(30.0, 300.0), first=(0.4, 3.4), interval=(2.4, 6.0)),
 )
@@ -170,6 +172,7 @@ _FAST = {
             "gradient_steps": 8,
         },
         final_learning_rate=0.1,
+        fade_from=0.6,
         noise=(0.02, 0.25),
         noise_correlation=0.85,
         final_noise=0.4,
@@ -195,7 +198,7 @@ _WIDE_ENV = dataclasses.replace(
 )
 _WIDE = {
     name: dataclasses.replace(
-        config, preset="wide", minutes=40.0, env=_WIDE_ENV, average_steps=200_000.0, final_noise=0.3
+        config, preset="wide", minutes=40.0, env=_WIDE_ENV, average_steps=200_000.0, fade_from=0.0, final_noise=0.3
     )
     for name, config in _FAST.items()
 }

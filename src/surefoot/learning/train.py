@@ -135,7 +135,7 @@ class Trainer:
     def advance(self) -> None:
         """Between two rollouts: what changes with the share of the training done, and the averaged actor."""
         config = self.config
-        limit_exploration(self.model, config.log_std, 1.0 - (1.0 - config.final_noise) * self.progress.share)
+        limit_exploration(self.model, config.log_std, self._faded(config.final_noise))
         if config.average_steps:
             steps = self.model.num_timesteps - self._averaged_steps
             over = min(config.average_steps, AVERAGED_SHARE * self.model.num_timesteps)
@@ -227,8 +227,12 @@ class Trainer:
         torch.set_rng_state(state["torch_generator"])
 
     def _learning_rate(self, _: float) -> float:
-        share = 1.0 - (1.0 - self.config.final_learning_rate) * self.progress.share
-        return self.config.hyper["learning_rate"] * share
+        return self.config.hyper["learning_rate"] * self._faded(self.config.final_learning_rate)
+
+    def _faded(self, final: float) -> float:
+        """What is left now of something of which `final` is left at the end."""
+        begin = self.config.fade_from
+        return 1.0 - (1.0 - final) * max(0.0, self.progress.share - begin) / (1.0 - begin)
 
 
 def make_model(
