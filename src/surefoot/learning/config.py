@@ -122,7 +122,7 @@ _PAPER = {
 _FAST_ENV = EnvConfig(
     pose="bent",
     action_scale=0.6,
-    power_weight=((0.0, 1e-3), (0.5, 1e-3), (0.85, 6e-3), (1.0, 8e-3)),
+    power_weight=((0.0, 1e-3), (0.5, 1e-3), (1.0, 3e-3)),
     power_knee=50.0,
     disturbance=DisturbanceConfig(impulse=(30.0, 300.0), first=(0.4, 3.4), interval=(2.4, 6.0)),
 )
@@ -171,11 +171,11 @@ _FAST = {
             "train_freq": 1,
             "gradient_steps": 8,
         },
-        final_learning_rate=0.1,
-        fade_from=0.6,
+        final_learning_rate=0.5,
+        fade_from=0.5,
         noise=(0.02, 0.25),
         noise_correlation=0.85,
-        final_noise=0.4,
+        final_noise=0.6,
         average_steps=40_000.0,
         mirror=True,
         env=_FAST_ENV,
@@ -198,7 +198,14 @@ _WIDE_ENV = dataclasses.replace(
 )
 _WIDE = {
     name: dataclasses.replace(
-        config, preset="wide", minutes=40.0, env=_WIDE_ENV, average_steps=200_000.0, fade_from=0.0, final_noise=0.3
+        config,
+        preset="wide",
+        minutes=40.0,
+        env=_WIDE_ENV,
+        average_steps=200_000.0,
+        final_learning_rate=0.1 if name == "ddpg" else config.final_learning_rate,
+        fade_from=0.0,
+        final_noise=0.3,
     )
     for name, config in _FAST.items()
 }
