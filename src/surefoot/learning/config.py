@@ -28,16 +28,17 @@ class TrainConfig:
         preset: name of the preset that this began as.
         seed: of everything random.
         minutes: wall-clock budget, evaluation included.
+        schedule_minutes: all that changes in the course of a run takes at least so long: a shorter run is the
+            beginning of a longer one.
         steps: budget in policy steps; the run ends with the first budget that is used up.
         num_envs: robots in the batch.
         actor, critic: hidden layers.
         hyper: keyword arguments of the algorithm in stable-baselines3.
-        final_learning_rate: share of the learning rate left at the end.
-        fade_from: share of the training after which learning rate and exploration fall, linearly.
+        final_learning_rate: share of the learning rate left at the end; it falls linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
         noise: standard deviation of the calmest and the boldest robot's exploration (DDPG).
         noise_correlation: of the exploration from one policy step to the next.
-        final_noise: share of the exploration left at the end (TRPO, PPO: of the largest deviation).
+        final_noise: share of the exploration left at the end; it falls linearly (TRPO, PPO: the largest deviation).
         average_steps: policy steps over which the actor's weights are averaged to give the policy that is probed and
             kept; 0 for the newest weights. Learning goes on from the newest ones.
         mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
@@ -48,13 +49,13 @@ class TrainConfig:
     preset: str = "fast"
     seed: int = 0
     minutes: float = 15.0
+    schedule_minutes: float = 0.0
     steps: int | None = None
     num_envs: int = 256
     actor: tuple[int, ...] = LAYERS
     critic: tuple[int, ...] = LAYERS
     hyper: dict[str, Any] = field(default_factory=dict)
     final_learning_rate: float = 1.0
-    fade_from: float = 0.0
     log_std: float = 0.0
     noise: tuple[float, float] = (0.1, 0.1)
     noise_correlation: float = 0.0
@@ -122,7 +123,7 @@ _PAPER = {
 _FAST_ENV = EnvConfig(
     pose="bent",
     action_scale=0.6,
-    power_weight=((0.0, 1e-3), (0.5, 1e-3), (1.0, 3e-3)),
+    power_weight=((0.0, 1e-3), (0.35, 1e-3), (0.7, 6e-3), (1.0, 8e-3)),
     power_knee=50.0,
     disturbance=DisturbanceConfig(impulse=(30.0, 300.0), first=(0.4, 3.4), interval=(2.4, 6.0)),
 )
@@ -157,7 +158,8 @@ _FAST = {
     ),
     "ddpg": TrainConfig(
         algorithm="ddpg",
-        minutes=5.0,
+        minutes=14.0,
+        schedule_minutes=14.0,
         num_envs=128,
         critic=(256, 256),
         hyper={
@@ -171,11 +173,10 @@ _FAST = {
             "train_freq": 1,
             "gradient_steps": 8,
         },
-        final_learning_rate=0.5,
-        fade_from=0.5,
+        final_learning_rate=0.1,
         noise=(0.02, 0.25),
         noise_correlation=0.85,
-        final_noise=0.6,
+        final_noise=0.4,
         average_steps=40_000.0,
         mirror=True,
         env=_FAST_ENV,
@@ -203,8 +204,6 @@ _WIDE = {
         minutes=40.0,
         env=_WIDE_ENV,
         average_steps=200_000.0,
-        final_learning_rate=0.1 if name == "ddpg" else config.final_learning_rate,
-        fade_from=0.0,
         final_noise=0.3,
     )
     for name, config in _FAST.items()

@@ -130,7 +130,7 @@ class Trainer:
         p.share = min(1.0, max(p.seconds / (60.0 * config.minutes), p.steps / config.steps if config.steps else 0.0))
         lengths = [episode["l"] for episode in self.model.ep_info_buffer or ()]
         p.episode_length = float(np.mean(lengths)) if lengths else 0.0
-        self.env.set_progress(p.share)
+        self.env.set_progress(self._scheduled())
 
     def advance(self) -> None:
         """Between two rollouts: what changes with the share of the training done, and the averaged actor."""
@@ -229,10 +229,14 @@ class Trainer:
     def _learning_rate(self, _: float) -> float:
         return self.config.hyper["learning_rate"] * self._faded(self.config.final_learning_rate)
 
+    def _scheduled(self) -> float:
+        """Where the schedules are, 0 to 1."""
+        config = self.config
+        return self.progress.share * min(1.0, config.minutes / max(config.schedule_minutes, 1e-9))
+
     def _faded(self, final: float) -> float:
         """What is left now of something of which `final` is left at the end."""
-        begin = self.config.fade_from
-        return 1.0 - (1.0 - final) * max(0.0, self.progress.share - begin) / (1.0 - begin)
+        return 1.0 - (1.0 - final) * self._scheduled()
 
 
 def make_model(
