@@ -202,6 +202,7 @@ _WIDE = {
         config,
         preset="wide",
         minutes=40.0,
+        schedule_minutes=40.0,
         env=_WIDE_ENV,
         average_steps=200_000.0,
         final_noise=0.3,
