@@ -50,7 +50,7 @@ results-tables: $(READY)
 	for p in nominal $(ALGORITHMS); do \
 	    $(BIN)/surefoot evaluate $$p --directions 16 --results runs/results.sqlite \
 	        --export results/trials.parquet --export-thresholds results/thresholds.csv || exit 1; done
-	$(BIN)/surefoot pictures --policy ddpg
+	$(BIN)/surefoot pictures --policy best
 	$(MAKE) screenshots
 	$(BIN)/surefoot bench --json results/bench.json
 

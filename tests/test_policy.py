@@ -206,6 +206,11 @@ def test_a_shipped_policy_is_loaded_by_its_name_and_acts(robot: Robot, name: str
     assert np.ptp(actions, axis=0).max() > 0.01
 
 
+def test_the_best_is_one_of_the_shipped_policies() -> None:
+    assert load_policy("best").name in shipped_policies()
+    assert load_policy("best").digest == load_policy(load_policy("best").name).digest
+
+
 @pytest.mark.parametrize("damage", ["nothing", "text", "random", "cut", "pickle"])
 def test_a_file_that_is_no_network_is_refused(contract: Contract, damage: str) -> None:
     whole = policy_file(contract)

@@ -26,6 +26,8 @@ from surefoot.simulation import CONTROL_HZ, POLICY_HZ
 METADATA_KEY = "surefoot"
 FORMAT = 1
 SUFFIX = ".onnx"
+BEST = {"best": "ddpg"}
+"""The shipped policy that rejects most has this name too."""
 
 
 @dataclass(frozen=True)
@@ -214,9 +216,12 @@ def shipped_policies() -> tuple[str, ...]:
 def load_policy(name: str | Path) -> NetworkPolicy:
     """Read a policy that comes with the package, a policy file, or the best policy of a run folder.
 
+    "best" is the shipped policy that rejects most.
+
     Raises:
         UserError: there is no such policy, or it is not one that this version can run.
     """
+    name = BEST.get(str(name), name)
     if str(name) in shipped_policies():
         file = importlib.resources.files("surefoot") / "policies" / f"{name}{SUFFIX}"
         return NetworkPolicy(file.read_bytes(), str(name))

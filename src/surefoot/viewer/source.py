@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from surefoot.errors import UserError
-from surefoot.policy import SUFFIX, NominalPolicy, Policy, load_policy, shipped_policies
+from surefoot.policy import BEST, SUFFIX, NominalPolicy, Policy, load_policy, shipped_policies
 
 NOMINAL = "nominal"
 _CHECKPOINTS = (f"last{SUFFIX}", f"best{SUFFIX}")
@@ -27,7 +27,7 @@ class PolicySource:
     """
 
     def __init__(self, name: str):
-        self.name = name
+        self.name = name = BEST.get(name, name)
         self.is_waiting = False
         self._path = None if name == NOMINAL or name in shipped_policies() else Path(name)
         self._seen = self._stamp()
