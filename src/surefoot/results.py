@@ -29,7 +29,7 @@ from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
 from surefoot.evaluation import Line, Threshold
 from surefoot.judge import Outcome
-from surefoot.policy import Policy
+from surefoot.policy import Entrant
 from surefoot.robot import World, load_robot
 from surefoot.scenarios import Scenario, from_json
 from surefoot.trials import Trial
@@ -144,13 +144,13 @@ class Results:
         self._db.commit()
         self._db.close()
 
-    def trials_of(self, policy: Policy) -> TrialStore:
+    def trials_of(self, policy: Entrant) -> TrialStore:
         """The policy's trials, as the evaluation's store."""
         row = (policy.digest, policy.name, policy.contract.to_json())
         self._db.execute("INSERT OR REPLACE INTO policies VALUES (?, ?, ?)", row)
         return TrialStore(self._db, policy.digest, setup_digest(policy.contract.robot))
 
-    def add_thresholds(self, policy: Policy, thresholds: Iterable[Threshold]) -> None:
+    def add_thresholds(self, policy: Entrant, thresholds: Iterable[Threshold]) -> None:
         """Keep what was found, in place of what was found before along the same lines."""
         key = (policy.digest, setup_digest(policy.contract.robot))
         rows = [
@@ -163,7 +163,7 @@ class Results:
         self._db.executemany(f"INSERT OR REPLACE INTO thresholds VALUES ({', '.join('?' * 13)})", rows)
         self._db.commit()
 
-    def add_scenarios(self, policy: Policy, scenarios: Iterable[Scenario], wall_s: float) -> None:
+    def add_scenarios(self, policy: Entrant, scenarios: Iterable[Scenario], wall_s: float) -> None:
         """Note that these have been run to their end, in so many seconds altogether."""
         key = (policy.digest, setup_digest(policy.contract.robot))
         rows = [(*key, scenario.name, _definition(scenario), wall_s) for scenario in scenarios]
@@ -215,7 +215,7 @@ class Results:
         """Rows of a SELECT, for reports."""
         return _as_dicts(self._db.execute(sql, values))
 
-    def audit(self, policy: Policy) -> tuple[float, float]:
+    def audit(self, policy: Entrant) -> tuple[float, float]:
         """Largest share of a torque and of a speed limit that any of the policy's trials used."""
         return self._db.execute(
             "SELECT max(torque_ratio), max(speed_ratio) FROM trials WHERE policy = ? AND setup = ?",

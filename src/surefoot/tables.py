@@ -13,7 +13,7 @@ from rich.table import Table as RichTable
 from surefoot import balance, paper
 from surefoot.evaluation import Store, Threshold, whole_outcomes
 from surefoot.judge import Outcome, joint_groups
-from surefoot.policy import Policy
+from surefoot.policy import Entrant
 from surefoot.robot import Robot
 from surefoot.scenarios import DIRECTIONS
 from surefoot.simulation import Simulation
@@ -116,7 +116,7 @@ def worse_of(thresholds: Mapping[str, Threshold], names: Sequence[str]) -> Thres
 
 
 def all_tables(
-    policy: Policy, thresholds: Sequence[Threshold], fixed: Fixed, steps: Mapping[str, float], robot: Robot
+    policy: Entrant, thresholds: Sequence[Threshold], fixed: Fixed, steps: Mapping[str, float], robot: Robot
 ) -> list[Table]:
     """Every table that one policy's results fill; `steps` as for `table_3`."""
     found = by_scenario(thresholds)

@@ -28,7 +28,8 @@ class Evaluate:
 
     policy: Annotated[str, tyro.conf.Positional]
     """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal": the nominal pose held by the joint
-    impedance alone."""
+    impedance alone. A controller: controllers/NAME (docs/controllers.md), or FILE.py:CLASS of your own
+    (docs/your-controller.md)."""
     suite: str = "pelvis"
     """pelvis (pushes at the pelvis), paper (everything that the paper tests), robustness (beyond the paper), or a
     scenario file (.toml, docs/scenarios.md)."""
@@ -162,12 +163,12 @@ def evaluate_policy(
 ) -> dict[str, float]:
     """Run, print and keep some scenarios of one policy; returns its flat figures."""
     from surefoot import figures, tables
+    from surefoot.controllers import load_entrant
     from surefoot.evaluation import run_scenarios
-    from surefoot.policy import NominalPolicy, load_policy
     from surefoot.results import Results
     from surefoot.robot import load_robot
 
-    policy = NominalPolicy() if name == "nominal" else load_policy(name)
+    policy = load_entrant(name)
     robot, pose = load_robot(policy.contract.robot), np.array(policy.contract.nominal_pose)
     began = time.monotonic()
     with Results(path) as results:

@@ -1,0 +1,205 @@
+"""Stepping: stand while the capture point is over the feet, else swing a foot to where a planner puts it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.controllers.ankle import EDGE, GAIN
+from surefoot.controllers.inverse_dynamics import InverseDynamics, Motion, clip_to_support
+from surefoot.controllers.protocol import Command, State
+from surefoot.robot import Robot
+
+INSET = 0.02
+"""On one foot the pressure centre stays so far inside the sole's border [m]."""
+RESTORE = 0.6
+"""By how much the pressure centre goes inward for a foot that has tipped [m/rad]."""
+COMMITTED_S = 0.10
+"""The time of landing is not moved any more when it is so near [s]."""
+OUTSIDE = 0.01
+"""A step begins when the capture point is so far outside the soles [m]."""
+CLEARANCE = 0.06
+"""How high a foot swings [m]."""
+LANDING_FORCE = 40.0
+"""A swinging foot that carries more than this has landed [N]."""
+LOWER = 0.03
+"""So far the CoM is lowered for steps [m]."""
+LEG_LENGTH = 0.82
+"""Hip to ankle, at most [m]: with a knee that is still bent."""
+SHORTEST_S = 0.06
+"""The swing law aims at the landing in no less than this: its gains are bounded by it [s]."""
+NONE = -1
+
+# Of the hip pitch axis from the pelvis, left [m]; ankle above its sole, and behind its centre.
+_HIP = np.array([0.0, 0.1377, -0.2462])
+_ANKLE = np.array([-0.045, 0.0, 0.088])
+
+
+@dataclass
+class Situation:
+    """What a planner has to decide about, for n robots that step; horizontal positions in the heading frame [m].
+
+    Attributes:
+        frequency: of the linear inverted pendulum, sqrt(g / z) (n,) [1/s].
+        capture_point, com, com_velocity: (n, 2).
+        stance, swing: centres of the sole that bears and of the one that swings (n, 2).
+        side: +1 where the left foot swings, -1 where the right one does (n,).
+        clock: since the foot left the ground (n,) [s].
+        committed: time until it lands, if that is not to be changed any more, else NaN (n,) [s].
+    """
+
+    frequency: np.ndarray
+    capture_point: np.ndarray
+    com: np.ndarray
+    com_velocity: np.ndarray
+    stance: np.ndarray
+    swing: np.ndarray
+    side: np.ndarray
+    clock: np.ndarray
+    committed: np.ndarray
+
+
+@dataclass
+class Plan:
+    """A planner's decision.
+
+    Attributes:
+        landing: where the swinging foot's centre lands (n, 2) [m].
+        remaining: time until then (n,) [s].
+        pressure: pressure centre until then (n, 2) [m].
+        cost: by which the better foot is chosen (n,).
+    """
+
+    landing: np.ndarray
+    remaining: np.ndarray
+    pressure: np.ndarray
+    cost: np.ndarray
+
+
+class Stepping(ABC):
+    """Stands by capture-point feedback, and steps as `plan` says; every control step plans anew."""
+
+    rate_hz = 250
+
+    def __init__(self, robot: Robot, num_robots: int):
+        self.robot = robot
+        self.dynamics = InverseDynamics(robot, num_robots)
+        self.height = np.full(num_robots, np.nan)
+        self.swinging = np.full(num_robots, NONE)
+        """The foot in the air: 0 left, 1 right, or `NONE`."""
+        self.since = np.zeros(num_robots)
+        """When it was lifted, and when it shall land [s]."""
+        self.until = np.zeros(num_robots)
+
+    def reset(self, ids: np.ndarray) -> None:
+        """Stand on both feet; the height to keep is that of the start."""
+        self.height[ids] = np.nan
+        self.swinging[ids] = NONE
+
+    @abstractmethod
+    def plan(self, situation: Situation) -> Plan:
+        """Where and when the swinging foot lands."""
+
+    def __call__(self, state: State, ids: np.ndarray) -> Command:
+        self.dynamics.body.update(state)
+        self.height[ids] = np.where(np.isnan(self.height[ids]), state.com_height, self.height[ids])
+        self._land(state, ids)
+        motion = self._stand(state, ids)
+        self._start(state, ids)
+        stepping = np.flatnonzero(self.swinging[ids] != NONE)
+        if len(stepping):
+            foot = self.swinging[ids[stepping]]
+            plan = self.plan(self._situation(state, ids, stepping, foot))
+            self.until[ids[stepping]] = state.time[stepping] + plan.remaining
+            self._swing(motion, state, stepping, foot, plan, state.time[stepping] - self.since[ids[stepping]])
+        self._limit_height(motion, state)
+        return self.dynamics(state, motion)
+
+    def _stand(self, state: State, ids: np.ndarray) -> Motion:
+        frequency = self._frequency(state)[:, None]
+        center = state.sole_position[..., :2].mean(axis=1)
+        motion = Motion.standing(center + (1.0 + GAIN / frequency) * (state.capture_point - center), 0.0)
+        motion.pressure = self._supported(motion.pressure, state)
+        motion.height = self.height[ids].copy()
+        return motion
+
+    def _land(self, state: State, ids: np.ndarray) -> None:
+        foot = self.swinging[ids]
+        clock = state.time - self.since[ids]
+        rows = np.arange(len(ids))
+        touching = (state.foot_force[rows, np.maximum(foot, 0)] > LANDING_FORCE) & (clock > 0.12)
+        self.swinging[ids[(foot != NONE) & touching]] = NONE
+
+    def _start(self, state: State, ids: np.ndarray) -> None:
+        """Begin a step where the capture point has left the soles, with the foot that promises more."""
+        inside = self._supported(state.capture_point, state)
+        outside = np.linalg.norm(state.capture_point - inside, axis=1) > OUTSIDE
+        rows = np.flatnonzero(outside & (self.swinging[ids] == NONE))
+        if not len(rows):
+            return
+        self.since[ids[rows]] = state.time[rows]
+        self.until[ids[rows]] = np.inf
+        plans = [self.plan(self._situation(state, ids, rows, np.full(len(rows), foot))) for foot in (0, 1)]
+        self.swinging[ids[rows]] = np.where(plans[0].cost <= plans[1].cost, 0, 1)
+
+    def _situation(self, state: State, ids: np.ndarray, rows: np.ndarray, foot: np.ndarray) -> Situation:
+        soles = state.sole_position[rows, :, :2]
+        each = np.arange(len(rows))
+        left = self.until[ids[rows]] - state.time[rows]
+        return Situation(
+            frequency=self._frequency(state)[rows],
+            capture_point=state.capture_point[rows],
+            com=state.com_position[rows, :2],
+            com_velocity=state.com_velocity[rows, :2],
+            stance=soles[each, 1 - foot],
+            swing=soles[each, foot],
+            side=1.0 - 2.0 * foot,
+            clock=state.time[rows] - self.since[ids[rows]],
+            committed=np.where(left < COMMITTED_S, left, np.nan),
+        )
+
+    def _swing(
+        self, motion: Motion, state: State, rows: np.ndarray, foot: np.ndarray, plan: Plan, clock: np.ndarray
+    ) -> None:
+        """Write the swinging foot's acceleration, and the pressure centre under the other foot."""
+        body = self.dynamics.body
+        motion.bears[rows, foot] = False
+        half = self.robot.sole_half_size - INSET
+        stance = state.sole_position[rows, 1 - foot]
+        tipped = state.foot_attitude[rows, 1 - foot]
+        inward = RESTORE * np.column_stack([-tipped[:, 1], tipped[:, 0]])
+        motion.pressure[rows] = stance[:, :2] + np.clip(plan.pressure - stance[:, :2] + inward, -half, half)
+        motion.height[rows] -= LOWER
+        place = body.soles[rows, foot]
+        speed = np.matmul(body.sole_jacobian[rows, foot], body.velocity[rows, :, None])[..., 0]
+        ground = stance[:, 2] - (np.abs(tipped[:, ::-1]) * self.robot.sole_half_size).sum(axis=1)
+        # Up for the first half of the swing, down in the second; what is late goes on down.
+        rising = clock < plan.remaining
+        goal = np.column_stack(
+            [plan.landing, ground + np.where(rising, CLEARANCE, np.where(plan.remaining > 0, 0.0, -0.03))]
+        )
+        up = np.where(rising, 0.5 * (plan.remaining - clock), plan.remaining)
+        left = np.maximum(np.column_stack([plan.remaining, plan.remaining, up]), SHORTEST_S)
+        # The acceleration with which a cubic to the goal, at rest there, begins.
+        motion.swing[rows, :3] = 6.0 * (goal - place) / left**2 - 4.0 * speed[:, :3] / left
+        motion.swing[rows, 3:5] = -400.0 * state.foot_attitude[rows, foot] - 40.0 * speed[:, 3:5]
+
+    def _limit_height(self, motion: Motion, state: State) -> None:
+        """The CoM comes no higher than the legs that bear reach."""
+        hips = _HIP * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
+        hips = np.matmul(self.dynamics.body.rotation[:, None], hips[..., None])[..., 0]
+        ankles = state.sole_position + _ANKLE
+        apart = ((hips - ankles)[..., :2] ** 2).sum(axis=-1)
+        reach = np.sqrt(np.maximum(LEG_LENGTH**2 - apart, 0.3**2))
+        above_hip = state.com_position[:, 2:] - hips[..., 2]
+        highest = np.where(motion.bears, _ANKLE[2] + reach + above_hip, np.inf).min(axis=1)
+        motion.height = np.minimum(motion.height, highest)
+
+    def _frequency(self, state: State) -> np.ndarray:
+        return np.sqrt(self.robot.gravity / np.maximum(state.com_height, 0.1))
+
+    def _supported(self, pressure: np.ndarray, state: State) -> np.ndarray:
+        both = np.ones((len(state), 2), bool)
+        return clip_to_support(pressure, state.sole_position[..., :2], both, self.robot.sole_half_size - EDGE)
