@@ -36,7 +36,7 @@ class Motion:
         torso: angle of the torso joint (n,) [rad].
         turn: angular acceleration of the pelvis about x and y beyond that (n, 2) [rad/s^2].
         torso_turn: the same of the torso joint (n,) [rad/s^2].
-        swing: acceleration and angular acceleration of the foot that does not bear (n, 6) [m/s^2, rad/s^2].
+        swing: acceleration and angular acceleration of feet that do not bear (n, 2, 6) [m/s^2, rad/s^2].
     """
 
     pressure: np.ndarray
@@ -54,7 +54,7 @@ class Motion:
         n = len(pressure)
         zero, pairs = np.zeros(n), np.zeros((n, 2))
         return cls(
-            pressure, np.full(n, height), np.ones((n, 2), bool), pairs, zero, pairs.copy(), zero, np.zeros((n, 6))
+            pressure, np.full(n, height), np.ones((n, 2), bool), pairs, zero, pairs.copy(), zero, np.zeros((n, 2, 6))
         )
 
 
@@ -88,7 +88,7 @@ class InverseDynamics:
         speed = np.matmul(body.sole_jacobian, body.velocity[:, None, :, None])[..., 0]
         for foot in (0, 1):
             bears = motion.bears[:, foot]
-            goal = np.where(bears[:, None], -_FOOT_DAMPING * speed[:, foot], motion.swing)
+            goal = np.where(bears[:, None], -_FOOT_DAMPING * speed[:, foot], motion.swing[:, foot])
             # With five joints a leg cannot turn its foot about the vertical too.
             weight = np.where(bears[:, None], _STANCE, _SWING * np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.0]))
             add(body.sole_jacobian[:, foot], goal, weight)

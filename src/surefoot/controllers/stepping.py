@@ -30,7 +30,12 @@ LEG_LENGTH = 0.82
 """Hip to ankle, at most [m]: with a knee that is still bent."""
 SHORTEST_S = 0.06
 """The swing law aims at the landing in no less than this: its gains are bounded by it [s]."""
+BEARING_FORCE, HANGING = 5.0, 0.005
+"""While the robot stands, a foot with less force than this that is higher than this above the other hangs [N, m]."""
+NEAR_FORWARD, NEAR_APART = (-0.40, 0.40), (0.22, 0.45)
+"""A hanging foot is put down so near to the other one: forward, and outward to its own side [m]."""
 NONE = -1
+_OUTWARD = np.array([1.0, -1.0])
 
 # Of the hip pitch axis from the pelvis, left [m]; ankle above its sole, and behind its centre.
 _HIP = np.array([0.0, 0.1377, -0.2462])
@@ -121,9 +126,26 @@ class Stepping(ABC):
         frequency = self._frequency(state)[:, None]
         center = state.sole_position[..., :2].mean(axis=1)
         motion = Motion.standing(center + (1.0 + GAIN / frequency) * (state.capture_point - center), 0.0)
-        motion.pressure = self._supported(motion.pressure, state)
         motion.height = self.height[ids].copy()
+        self._lower(motion, state)
+        half = self.robot.sole_half_size - np.where(motion.bears.all(axis=1, keepdims=True), EDGE, INSET)
+        motion.pressure = clip_to_support(motion.pressure, state.sole_position[..., :2], motion.bears, half)
         return motion
+
+    def _lower(self, motion: Motion, state: State) -> None:
+        """A foot that hangs in the air while the robot stands is put down where it is, or where the leg reaches."""
+        body = self.dynamics.body
+        above = state.sole_position[..., 2] - state.sole_position[..., 2].min(axis=1, keepdims=True)
+        hanging = (state.foot_force < BEARING_FORCE) & (above > HANGING)
+        motion.bears &= ~hanging
+        speed = np.matmul(body.sole_jacobian, body.velocity[:, None, :, None])[..., 0]
+        goal = state.sole_position[:, ::-1].copy()
+        apart = state.sole_position - goal
+        goal[..., 0] += np.clip(apart[..., 0], *NEAR_FORWARD)
+        goal[..., 1] += _OUTWARD * np.clip(_OUTWARD * apart[..., 1], *NEAR_APART)
+        goal[..., 2] = state.sole_position[..., 2] - above - 0.01
+        motion.swing[..., :3] = 100.0 * (goal - state.sole_position) - 20.0 * speed[..., :3]
+        motion.swing[..., 3:5] = -400.0 * state.foot_attitude - 40.0 * speed[..., 3:5]
 
     def _land(self, state: State, ids: np.ndarray) -> None:
         foot = self.swinging[ids]
@@ -183,8 +205,8 @@ class Stepping(ABC):
         up = np.where(rising, 0.5 * (plan.remaining - clock), plan.remaining)
         left = np.maximum(np.column_stack([plan.remaining, plan.remaining, up]), SHORTEST_S)
         # The acceleration with which a cubic to the goal, at rest there, begins.
-        motion.swing[rows, :3] = 6.0 * (goal - place) / left**2 - 4.0 * speed[:, :3] / left
-        motion.swing[rows, 3:5] = -400.0 * state.foot_attitude[rows, foot] - 40.0 * speed[:, 3:5]
+        motion.swing[rows, foot, :3] = 6.0 * (goal - place) / left**2 - 4.0 * speed[:, :3] / left
+        motion.swing[rows, foot, 3:5] = -400.0 * state.foot_attitude[rows, foot] - 40.0 * speed[:, 3:5]
 
     def _limit_height(self, motion: Motion, state: State) -> None:
         """The CoM comes no higher than the legs that bear reach."""

@@ -16,7 +16,7 @@ BEYOND = 0.04
 """A foothold is so far beyond the capture point [m]: landing takes time."""
 BESIDE = 0.26
 """A step in place lands so far beside the other foot [m]."""
-FORWARD, APART = (-0.60, 0.70), (0.21, 0.65)
+FORWARD, APART = (-0.65, 0.70), (0.21, 0.75)
 """Where a foot may land from the other one: forward, and outward to its own side [m]."""
 
 
