@@ -34,6 +34,7 @@ BEARING_FORCE, HANGING = 5.0, 0.005
 """While the robot stands, a foot with less force than this that is higher than this above the other hangs [N, m]."""
 NEAR_FORWARD, NEAR_APART = (-0.40, 0.40), (0.22, 0.45)
 """A hanging foot is put down so near to the other one: forward, and outward to its own side [m]."""
+AHEAD_S, SMOOTHING = 0.06, 0.3
 NONE = -1
 _OUTWARD = np.array([1.0, -1.0])
 
@@ -97,11 +98,16 @@ class Stepping(ABC):
         self.since = np.zeros(num_robots)
         """When it was lifted, and when it shall land [s]."""
         self.until = np.zeros(num_robots)
+        self.before = np.zeros((num_robots, 2))
+        """The capture point from the left sole, and its filtered speed [m, m/s]."""
+        self.speed = np.zeros((num_robots, 2))
 
     def reset(self, ids: np.ndarray) -> None:
         """Stand on both feet; the height to keep is that of the start."""
         self.height[ids] = np.nan
         self.swinging[ids] = NONE
+        self.before[ids], self.speed[ids] = np.nan, 0.0
+        self.until[ids] = -np.inf
 
     @abstractmethod
     def plan(self, situation: Situation) -> Plan:
@@ -156,8 +162,8 @@ class Stepping(ABC):
 
     def _start(self, state: State, ids: np.ndarray) -> None:
         """Begin a step where the capture point has left the soles, with the foot that promises more."""
-        inside = self._supported(state.capture_point, state)
-        outside = np.linalg.norm(state.capture_point - inside, axis=1) > OUTSIDE
+        point = self._expected(state, ids)
+        outside = np.linalg.norm(point - self._supported(point, state), axis=1) > OUTSIDE
         rows = np.flatnonzero(outside & (self.swinging[ids] == NONE))
         if not len(rows):
             return
@@ -165,6 +171,17 @@ class Stepping(ABC):
         self.until[ids[rows]] = np.inf
         plans = [self.plan(self._situation(state, ids, rows, np.full(len(rows), foot))) for foot in (0, 1)]
         self.swinging[ids[rows]] = np.where(plans[0].cost <= plans[1].cost, 0, 1)
+
+    def _expected(self, state: State, ids: np.ndarray) -> np.ndarray:
+        """Capture point (n, 2) [m] in `AHEAD_S`, if it goes on as in the last control steps."""
+        place = state.capture_point - state.sole_position[:, 0, :2]
+        speed = (place - self.before[ids]) * self.rate_hz
+        speed = np.where(np.isnan(speed), 0.0, speed)
+        self.speed[ids] += SMOOTHING * (speed - self.speed[ids])
+        self.before[ids] = place
+        quiet = state.time - self.until[ids] > 0.5
+        ahead = np.column_stack([np.zeros(len(ids)), np.where(quiet, AHEAD_S, 0.0)])
+        return state.capture_point + ahead * self.speed[ids]
 
     def _situation(self, state: State, ids: np.ndarray, rows: np.ndarray, foot: np.ndarray) -> Situation:
         soles = state.sole_position[rows, :, :2]
