@@ -36,11 +36,15 @@ class Ankle:
     def __call__(self, state: State, ids: np.ndarray) -> Command:
         self.dynamics.body.update(state)
         self.height[ids] = np.where(np.isnan(self.height[ids]), state.com_height, self.height[ids])
-        motion = Motion.standing(self.pressure(state), 0.0)
-        motion.height = self.height[ids]
-        return self.dynamics(state, motion)
+        return self.dynamics(state, self.motion(state, ids))
 
-    def pressure(self, state: State) -> np.ndarray:
+    def motion(self, state: State, ids: np.ndarray) -> Motion:
+        """What the robots shall do."""
+        motion = Motion.standing(self.pressure(state, ids), 0.0)
+        motion.height = self.height[ids]
+        return motion
+
+    def pressure(self, state: State, ids: np.ndarray) -> np.ndarray:
         """Pressure centre (n, 2) [m], inside the support."""
         swing = np.sqrt(self.robot.gravity / np.maximum(state.com_height, 0.1))[:, None]
         soles = state.sole_position[..., :2]

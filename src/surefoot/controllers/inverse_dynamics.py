@@ -18,7 +18,7 @@ from surefoot.robot import Robot
 # Weights of the tasks' squared errors: feet that bear stay, then the pressure centre, then posture.
 _STANCE, _PRESSURE, _HEIGHT, _ATTITUDE, _TORSO, _SWING, _POSTURE = 1e3, 1e3, 10.0, 30.0, 3.0, 30.0, 1e-3
 _HEIGHT_GAINS = 60.0, 12.0
-_ATTITUDE_GAINS = 80.0, 16.0
+ATTITUDE_GAINS = 80.0, 16.0
 _TORSO_GAINS = 100.0, 20.0
 _POSTURE_GAINS = 50.0, 14.0
 _FOOT_DAMPING = 20.0
@@ -98,7 +98,7 @@ class InverseDynamics:
         add(body.com_jacobian[:, 2:], kp * (motion.height[:, None] - height) - kd * climb, _HEIGHT)
         turning = np.zeros((n, 3, nv))
         turning[..., 3:6] = body.rotation
-        kp, kd = _ATTITUDE_GAINS
+        kp, kd = ATTITUDE_GAINS
         turn = np.zeros((n, 3))
         turn[:, :2] = kp * (motion.attitude - state.pelvis_attitude) + motion.turn
         add(turning, turn - kd * state.pelvis_angular_velocity, _ATTITUDE)

@@ -22,6 +22,14 @@ OUTSIDE = 0.01
 """A step begins when the capture point is so far outside the soles [m]."""
 CLEARANCE = 0.06
 """How high a foot swings [m]."""
+SWING_SPEED = 3.0
+"""A foot is moved no faster than this, on average [m/s]."""
+BEYOND = 0.04
+"""A foothold is so far beyond the capture point [m]: landing takes time."""
+BESIDE = 0.26
+"""A step in place lands so far beside the other foot [m]."""
+FORWARD, APART = (-0.65, 0.70), (0.21, 0.75)
+"""Where a foot may land from the other one: forward, and outward to its own side [m]."""
 LANDING_FORCE = 40.0
 """A swinging foot that carries more than this has landed [N]."""
 LOWER = 0.03
@@ -48,6 +56,7 @@ class Situation:
     """What a planner has to decide about, for n robots that step; horizontal positions in the heading frame [m].
 
     Attributes:
+        ids: of the robots (n,).
         frequency: of the linear inverted pendulum, sqrt(g / z) (n,) [1/s].
         capture_point, com, com_velocity: (n, 2).
         stance, swing: centres of the sole that bears and of the one that swings (n, 2).
@@ -56,6 +65,7 @@ class Situation:
         committed: time until it lands, if that is not to be changed any more, else NaN (n,) [s].
     """
 
+    ids: np.ndarray
     frequency: np.ndarray
     capture_point: np.ndarray
     com: np.ndarray
@@ -188,6 +198,7 @@ class Stepping(ABC):
         each = np.arange(len(rows))
         left = self.until[ids[rows]] - state.time[rows]
         return Situation(
+            ids=ids[rows],
             frequency=self._frequency(state)[rows],
             capture_point=state.capture_point[rows],
             com=state.com_position[rows, :2],

@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from surefoot.controllers.stepping import INSET, Plan, Situation, Stepping
+from surefoot.controllers.stepping import APART, BESIDE, BEYOND, FORWARD, INSET, SWING_SPEED, Plan, Situation, Stepping
 
 TIMES = np.arange(0.04, 0.60, 0.02)
 """Candidates for the time until the foot lands [s]."""
 SHORTEST_STEP = 0.20
 """From lift to landing, at least [s]."""
-SWING_SPEED = 3.0
-"""A foot is moved no faster than this, on average [m/s]."""
-BEYOND = 0.04
-"""A foothold is so far beyond the capture point [m]: landing takes time."""
-BESIDE = 0.26
-"""A step in place lands so far beside the other foot [m]."""
-FORWARD, APART = (-0.65, 0.70), (0.21, 0.75)
-"""Where a foot may land from the other one: forward, and outward to its own side [m]."""
 
 
 class FootPlacement(Stepping):
