@@ -13,6 +13,9 @@ GAIN = 3.0
 EDGE = 0.008
 """The pressure centre stays so far inside the soles' borders [m]: on the border itself a foot would tip."""
 
+FLIGHT_S = 0.02
+"""Without any contact for longer than this the robot is in the air [s]."""
+
 
 class Ankle:
     """p = c + (1 + k / w)(x + v / w - c): pressure centre p ahead of the capture point, c between the feet.
@@ -27,16 +30,26 @@ class Ankle:
     def __init__(self, robot: Robot, num_robots: int):
         self.robot = robot
         self.dynamics = InverseDynamics(robot, num_robots)
+        self.pose = robot.pose("bent")
         self.height = np.full(num_robots, np.nan)
+        self.touched = np.zeros(num_robots)
+        """When a foot last touched the ground [s]."""
 
     def reset(self, ids: np.ndarray) -> None:
         """The height to keep is that of the start."""
         self.height[ids] = np.nan
+        self.touched[ids] = -np.inf
 
     def __call__(self, state: State, ids: np.ndarray) -> Command:
         self.dynamics.body.update(state)
         self.height[ids] = np.where(np.isnan(self.height[ids]), state.com_height, self.height[ids])
-        return self.dynamics(state, self.motion(state, ids))
+        target, torque = self.dynamics(state, self.motion(state, ids))
+        touching = state.foot_force.any(axis=1)
+        self.touched[ids] = np.where(touching, state.time, self.touched[ids])
+        flying = (state.time - self.touched[ids] > FLIGHT_S)[:, None]
+        # Nothing to push against: the joint impedance holds the pose for the landing.
+        target = np.where(flying, self.pose, target)
+        return Command(target, np.where(flying, 0.0, torque))
 
     def motion(self, state: State, ids: np.ndarray) -> Motion:
         """What the robots shall do."""

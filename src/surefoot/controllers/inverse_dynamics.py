@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.controllers.body import Body, cross
-from surefoot.controllers.protocol import Command, State
+from surefoot.controllers.protocol import State
 from surefoot.robot import Robot
 
 # Weights of the tasks' squared errors: feet that bear stay, then the pressure centre, then posture.
@@ -67,11 +67,14 @@ class InverseDynamics:
         self._pose = robot.pose("bent")
         self._torso = 6 + robot.joint_names.index("torso_pitch")
 
-    def __call__(self, state: State, motion: Motion) -> Command:
-        """Pure torque: the impedance is given the measured angles, and what its damping would take is added."""
+    def __call__(self, state: State, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+        """Joint targets and feed-forward torques (n, num_joints) [rad, Nm].
+
+        Together they are pure torque: the targets are the measured angles, and what the damping would take is added.
+        """
         acceleration = self._accelerations(state, motion)
         torque = self._torques(acceleration, motion)
-        return Command(state.joint_position, torque + self.robot.damping * state.joint_velocity)
+        return state.joint_position, torque + self.robot.damping * state.joint_velocity
 
     def _accelerations(self, state: State, motion: Motion) -> np.ndarray:
         """Generalised accelerations (n, nv) that serve all tasks best."""

@@ -37,7 +37,7 @@ class SteppingMPC(Stepping):
         self.programs: dict[int, QuadraticPrograms] = {}
         self.landing = np.zeros((num_robots, 2))
         """From the foot that bears [m], like the pressure centre."""
-        self.pressure = np.zeros((num_robots, 2))
+        self.planned = np.zeros((num_robots, 2))
         self.missed = np.zeros(num_robots)
 
     def plan(self, situation: Situation) -> Plan:
@@ -51,7 +51,7 @@ class SteppingMPC(Stepping):
         remaining = DURATION_S - s.clock
         away = self.landing[ids]
         away = away + BEYOND * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 0.2)
-        return Plan(s.stance + away, remaining, s.stance + self.pressure[ids], self.missed[ids].copy())
+        return Plan(s.stance + away, remaining, s.stance + self.planned[ids], self.missed[ids].copy())
 
     def _solve(self, s: Situation, rows: np.ndarray, left: int, axis: int) -> None:
         """One axis of robots that land in `left` intervals: writes landing and pressure centre."""
@@ -65,7 +65,7 @@ class SteppingMPC(Stepping):
         low, high = self._reach(s, rows, left, axis)
         bounds = np.full((len(rows), NUM_STEPS), half)
         found = self.programs[left].solve(gradient, np.column_stack([-bounds, low]), np.column_stack([bounds, high]))
-        self.landing[ids, axis], self.pressure[ids, axis] = np.clip(found[:, -1], low, high), found[:, 0]
+        self.landing[ids, axis], self.planned[ids, axis] = np.clip(found[:, -1], low, high), found[:, 0]
         end = self.pendulum.capture_point(now, np.clip(found[:, :left], -half, half))
         missed = np.maximum(np.abs(end - self.landing[ids, axis]) - half, 0.0)
         self.missed[ids] = missed if axis == 0 else np.hypot(self.missed[ids], missed)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.controllers.ankle import EDGE, GAIN
-from surefoot.controllers.inverse_dynamics import InverseDynamics, Motion, clip_to_support
-from surefoot.controllers.protocol import Command, State
+from surefoot.controllers.ankle import EDGE, GAIN, Ankle
+from surefoot.controllers.inverse_dynamics import Motion, clip_to_support
+from surefoot.controllers.protocol import State
 from surefoot.robot import Robot
 
 INSET = 0.02
@@ -94,15 +94,11 @@ class Plan:
     cost: np.ndarray
 
 
-class Stepping(ABC):
+class Stepping(Ankle, ABC):
     """Stands by capture-point feedback, and steps as `plan` says; every control step plans anew."""
 
-    rate_hz = 250
-
     def __init__(self, robot: Robot, num_robots: int):
-        self.robot = robot
-        self.dynamics = InverseDynamics(robot, num_robots)
-        self.height = np.full(num_robots, np.nan)
+        super().__init__(robot, num_robots)
         self.swinging = np.full(num_robots, NONE)
         """The foot in the air: 0 left, 1 right, or `NONE`."""
         self.since = np.zeros(num_robots)
@@ -114,7 +110,7 @@ class Stepping(ABC):
 
     def reset(self, ids: np.ndarray) -> None:
         """Stand on both feet; the height to keep is that of the start."""
-        self.height[ids] = np.nan
+        super().reset(ids)
         self.swinging[ids] = NONE
         self.before[ids], self.speed[ids] = np.nan, 0.0
         self.until[ids] = -np.inf
@@ -123,9 +119,7 @@ class Stepping(ABC):
     def plan(self, situation: Situation) -> Plan:
         """Where and when the swinging foot lands."""
 
-    def __call__(self, state: State, ids: np.ndarray) -> Command:
-        self.dynamics.body.update(state)
-        self.height[ids] = np.where(np.isnan(self.height[ids]), state.com_height, self.height[ids])
+    def motion(self, state: State, ids: np.ndarray) -> Motion:
         self._land(state, ids)
         motion = self._stand(state, ids)
         self._start(state, ids)
@@ -136,7 +130,7 @@ class Stepping(ABC):
             self.until[ids[stepping]] = state.time[stepping] + plan.remaining
             self._swing(motion, state, stepping, foot, plan, state.time[stepping] - self.since[ids[stepping]])
         self._limit_height(motion, state)
-        return self.dynamics(state, motion)
+        return motion
 
     def _stand(self, state: State, ids: np.ndarray) -> Motion:
         frequency = self._frequency(state)[:, None]

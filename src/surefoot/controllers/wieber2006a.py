@@ -15,7 +15,7 @@ REPLAN_STEPS = 5
 """Control steps from plan to plan: 50 Hz."""
 HEIGHT = 1.08
 """Of the CoM in the model [m]."""
-JERK, VELOCITY, POSITION = 1e-6, 1e-1, 1e-1
+JERK, VELOCITY, POSITION = 1e-7, 1e-1, 1e-1
 """Weights of the objective [s^6/m^2, s^2/m^2, 1/m^2]; the published one has the jerk alone, which does not come to rest
 in the middle."""
 
