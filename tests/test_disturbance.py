@@ -11,12 +11,18 @@ from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP, Simulation
 NUM_BODIES = 13
 
 
+def write(pushes: Pushes, wrench: np.ndarray, tick: np.ndarray) -> None:
+    """The next policy step's forces in place of the last one's."""
+    pushes.clear(wrench)
+    pushes.add(wrench, tick)
+
+
 def written(pushes: Pushes, num_steps: int, num_robots: int = 1) -> np.ndarray:
     """Wrenches over the first policy steps, (num_robots, num_steps * 20, num_bodies, 6)."""
     wrench = np.zeros((num_robots, TICKS_PER_STEP, NUM_BODIES, 6))
     steps = []
     for step in range(num_steps):
-        pushes.write(wrench, np.full(num_robots, step * TICKS_PER_STEP))
+        write(pushes, wrench, np.full(num_robots, step * TICKS_PER_STEP))
         steps.append(wrench.copy())
     return np.concatenate(steps, axis=1)
 
@@ -69,10 +75,10 @@ def test_the_wrench_is_zero_again_once_the_push_is_over(robot: Robot) -> None:
 def test_a_cancelled_push_stops_at_the_next_step(robot: Robot) -> None:
     pushes = one_push(robot, 0)
     wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
-    pushes.write(wrench, np.array([0]))
+    write(pushes, wrench, np.array([0]))
     assert wrench.any()
     pushes.cancel(np.array([0]))
-    pushes.write(wrench, np.array([20]))
+    write(pushes, wrench, np.array([20]))
     np.testing.assert_array_equal(wrench, 0.0)
 
 
@@ -82,7 +88,7 @@ def test_robots_are_pushed_each_at_its_own_body_time_and_clock(robot: Robot) -> 
     impulse = np.array([[6.0, 0.0, 0.0], [0.0, 12.0, 0.0]])
     pushes.schedule(np.array([0, 2]), bodies, impulse, np.array([3, 1008]), 0.12)
     wrench = np.zeros((3, TICKS_PER_STEP, NUM_BODIES, 6))
-    pushes.write(wrench, np.array([0, 0, 1000]))  # robot 2 is already in its tick 1000
+    write(pushes, wrench, np.array([0, 0, 1000]))  # robot 2 is already in its tick 1000
     expected = np.zeros_like(wrench)
     expected[0, 3:, bodies[0], 0] = 50.0  # 6 Ns / 0.12 s
     expected[2, 8:, bodies[1], 1] = 100.0
@@ -92,10 +98,10 @@ def test_robots_are_pushed_each_at_its_own_body_time_and_clock(robot: Robot) -> 
 def test_a_new_push_replaces_one_on_another_body(robot: Robot) -> None:
     pushes = one_push(robot, 0, body="torso")
     wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
-    pushes.write(wrench, np.array([0]))
+    write(pushes, wrench, np.array([0]))
     pelvis = robot.body_id("pelvis")
     pushes.schedule(np.array([0]), np.array([pelvis]), np.array([[0.0, 0.0, 1.2]]), np.array([20]), 0.12)
-    pushes.write(wrench, np.array([20]))
+    write(pushes, wrench, np.array([20]))
     np.testing.assert_array_equal(wrench[0, :, robot.body_id("torso")], 0.0)
     np.testing.assert_allclose(wrench[0, :, pelvis, 2], 10.0)
 
@@ -106,7 +112,7 @@ def test_a_push_gives_a_flying_robot_its_impulse(robot: Robot) -> None:
     simulation.reset(np.array([0]), pose, height=5.0)
     pushes = one_push(robot, 13)
     for step in range(5):
-        pushes.write(simulation.wrench, np.array([step * TICKS_PER_STEP]))
+        write(pushes, simulation.wrench, np.array([step * TICKS_PER_STEP]))
         ticks = simulation.step(np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
     # 19 ticks after the record's first: 99 steps of gravity; m v = J.
     momentum = 137.2875 * ticks.com_velocity[0, -1]
@@ -157,7 +163,7 @@ def test_a_push_with_a_lever_turns_a_flying_robot_about_its_com(
     impulse = 10.0 * np.array([[*direction, 0.0]])
     arm = robot.lever_arm(pose, body, lever)
     pushes.schedule(np.array([0]), np.array([robot.body_id(body)]), impulse, np.array([5]), CONTROL_DT, arm)
-    pushes.write(simulation.wrench, np.array([0]))
+    write(pushes, simulation.wrench, np.array([0]))
     momentum = simulation.step(np.tile(pose, (1, TICKS_PER_STEP, 1))).angular_momentum[0]
     # (0, 0, lever) x J, at once; what the joints do about it afterwards changes nothing. About z it is the body's
     # place in the horizontal plane that counts.
@@ -266,7 +272,7 @@ def test_pushes_that_follow_each_other_quickly_all_come(robot: Robot) -> None:
     pushed = []
     for tick in range(0, 1000, TICKS_PER_STEP):
         random.advance(np.array([tick]))
-        pushes.write(wrench, np.array([tick]))
+        write(pushes, wrench, np.array([tick]))
         pushed.append(wrench[0].any(axis=(1, 2)).copy())
     begins = np.flatnonzero(np.diff(np.concatenate([[False], *pushed]).astype(int)) == 1)
     np.testing.assert_array_equal(begins, [250, 400, 550, 700, 850])  # every 0.3 s
@@ -278,7 +284,7 @@ def test_a_long_push_is_not_cut_short_by_the_next_draw(robot: Robot) -> None:
     num_ticks = 0
     for tick in range(0, 3000, TICKS_PER_STEP):  # up to the second push
         random.advance(np.array([tick]))
-        pushes.write(wrench, np.array([tick]))
+        write(pushes, wrench, np.array([tick]))
         num_ticks += np.count_nonzero(wrench[0].any(axis=(1, 2)))
     assert num_ticks == 1500  # 3 s
 

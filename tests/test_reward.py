@@ -21,14 +21,14 @@ LEFT_SOLE, RIGHT_SOLE = (0.0, 0.14, 0.0), (0.0, -0.14, 0.0)
 @pytest.fixture(scope="module")
 def perfect(standing: Ticks, altered: Callable[..., Ticks]) -> Ticks:
     """Standing perfectly still at the origin, weight on both feet, CoM 1.1 m over their middle."""
-    upright = (1.0, 0.0, 0.0, 0.0)
+    upright = (0.0, 0.0, 1.0)
     rest = {f"{joint}_{quantity}": 0.0 for joint in standing.robot.joint_names for quantity in ("velocity", "torque")}
     return altered(
         standing,
         com_position=(0.0, 0.0, HEIGHT),
         com_velocity=0.0,
-        pelvis_orientation=upright,
-        torso_orientation=upright,
+        pelvis_up=upright,
+        torso_up=upright,
         left_sole_position=LEFT_SOLE,
         right_sole_position=RIGHT_SOLE,
         left_foot_contact=contact(standing, 0.5 * WEIGHT, LEFT_SOLE),
@@ -46,11 +46,12 @@ def contact(ticks: Ticks, force: float, point: tuple[float, float, float]) -> np
 
 
 def about_x(angle: float) -> tuple[float, ...]:
-    return (np.cos(0.5 * angle), np.sin(0.5 * angle), 0.0, 0.0)
+    """The world's z axis as seen from a body that is turned about x."""
+    return (0.0, np.sin(angle), np.cos(angle))
 
 
 def about_y(angle: float) -> tuple[float, ...]:
-    return (np.cos(0.5 * angle), 0.0, np.sin(0.5 * angle), 0.0)
+    return (-np.sin(angle), 0.0, np.cos(angle))
 
 
 def of_step(ticks: Ticks, power_weight: float = 0.0) -> float:
@@ -90,10 +91,10 @@ def test_standing_perfectly_still_earns_1_per_step(perfect: Ticks) -> None:
         ),
         ({"com_velocity": (0.3, -0.4, 0.0)}, "com_velocity_xy", 0.5),
         ({"com_velocity": (0.0, 0.0, -0.7)}, "com_velocity_z", 0.7),
-        ({"torso_orientation": about_y(0.3)}, "torso_pitch", 0.3),
-        ({"torso_orientation": about_x(-0.2)}, "torso_roll", 0.2),
-        ({"pelvis_orientation": about_y(-0.25)}, "pelvis_pitch", 0.25),
-        ({"pelvis_orientation": about_x(0.4)}, "pelvis_roll", 0.4),
+        ({"torso_up": about_y(0.3)}, "torso_pitch", 0.3),
+        ({"torso_up": about_x(-0.2)}, "torso_roll", 0.2),
+        ({"pelvis_up": about_y(-0.25)}, "pelvis_pitch", 0.25),
+        ({"pelvis_up": about_x(0.4)}, "pelvis_roll", 0.4),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -181,10 +182,12 @@ def test_power_costs_its_weight_times_the_watts(perfect: Ticks, altered: Callabl
     assert of_step(working, power_weight=1e-3) == pytest.approx(1.0 - 0.04, abs=1e-9)
     assert of_step(working, power_weight=0.0) == pytest.approx(1.0, abs=1e-9)
     assert reward.step_reward(working, HEIGHT, 1e-3)[1]["power"] == pytest.approx(-0.4)
+    # With a knee at 100 W: 100 * ln(1 + 400 / 100) = 160.94 W count.
+    assert reward.step_reward(working, HEIGHT, 1e-3, power_knee=100.0)[1]["power"] == pytest.approx(-0.16094, abs=1e-5)
 
 
 def test_a_steps_reward_is_the_mean_over_its_ticks(robot: Robot, perfect: Ticks, altered: Callable[..., Ticks]) -> None:
-    fallen = altered(perfect, ground_contact=9.0, torso_orientation=about_y(0.3))
+    fallen = altered(perfect, ground_contact=9.0, torso_up=about_y(0.3))
     record = perfect.record.copy()
     record[:, 15:] = fallen.record[:, 15:]  # the last 5 of 20 ticks
     layout = Simulation(robot, 1, num_threads=1).layout
@@ -197,7 +200,7 @@ def test_a_steps_reward_is_the_mean_over_its_ticks(robot: Robot, perfect: Ticks,
 def test_every_robot_has_its_own_reward_and_the_means_are_over_all(
     robot: Robot, perfect: Ticks, altered: Callable[..., Ticks]
 ) -> None:
-    leaning = altered(perfect, torso_orientation=about_y(0.3))
+    leaning = altered(perfect, torso_up=about_y(0.3))
     layout = Simulation(robot, 1, num_threads=1).layout
     both = Ticks(robot, layout, np.concatenate([leaning.record, perfect.record]))
     rewards, means = reward.step_reward(both, HEIGHT, 0.0)

@@ -72,13 +72,12 @@ class ControlLoop:
         self.first_pushes = Pushes(robot, num_robots)
         self.tick = np.zeros(num_robots, np.int64)
         self._target = np.tile(nominal, (num_robots, 1))
-        self._units = observation.units(robot)
         self._scales = observation.scales(robot)
-        self._filter = LowPass(num_robots, len(self._units), TICKS_PER_STEP, CONTROL_HZ)
-        self._errors = LowPass(num_robots, len(self._units), TICKS_PER_STEP, CONTROL_HZ)
+        self._filter = LowPass(num_robots, len(self._scales), TICKS_PER_STEP, CONTROL_HZ)
+        self._errors = LowPass(num_robots, len(self._scales), TICKS_PER_STEP, CONTROL_HZ)
         self._observation_noise = Noise(num_robots)
         self._action_noise = Noise(num_robots)
-        self._bias = np.zeros((num_robots, len(self._units)))
+        self._bias = np.zeros((num_robots, len(self._scales)))
         self._delay = Delay(num_robots, TICKS_PER_STEP, robot.num_joints)
         self._imperfect = np.zeros(num_robots, bool)
         start = self.reset(np.arange(num_robots), self._target)
@@ -87,26 +86,30 @@ class ControlLoop:
     @property
     def observation(self) -> np.ndarray:
         """The filtered observation at the end of each robot's last policy step: (num_robots, 47) float64."""
-        vector = self._filter.output / self._units
-        return vector + self._errors.output if self._imperfect.any() else vector
+        return self.observe(slice(None))
+
+    def observe(self, rows: np.ndarray | slice) -> np.ndarray:
+        """The same of some robots only."""
+        vector = observation.from_blocks(self._filter.output[rows], self.robot)
+        return vector + self._errors.output[rows] if self._imperfect.any() else vector
 
     def reset(self, ids: np.ndarray, joint_position: np.ndarray, **stance: np.ndarray | float) -> Ticks:
         """Put perfect robots `ids` (n,) at rest and without a push; `stance` as for `Simulation.reset`."""
         start = self.simulation.reset(ids, joint_position, **stance)
-        self._filter.reset(ids, np.concatenate(observation.quantities(start), axis=-1)[:, 0])
+        self._filter.reset(ids, np.concatenate(observation.blocks(start), axis=-1)[:, 0])
         self._target[ids] = self.nominal
         self.tick[ids] = 0
         self.pushes.cancel(ids)
         self.first_pushes.cancel(ids)
         if self._imperfect.any():
-            self._errors.reset(ids, np.zeros((len(ids), len(self._units))))
+            self._errors.reset(ids, np.zeros((len(ids), len(self._scales))))
             self._imperfect[ids] = False
         return start
 
     def spoil(self, robot: int, imperfections: Imperfections, seed: int) -> None:
         """Give one robot imperfections, right after its reset; `seed` draws its noise and its bias."""
         bias, observation_noise, action_noise = np.random.default_rng(seed).spawn(3)
-        self._bias[robot] = imperfections.sensor_bias * self._scales * bias.standard_normal(len(self._units))
+        self._bias[robot] = imperfections.sensor_bias * self._scales * bias.standard_normal(len(self._scales))
         self._observation_noise.reset(robot, imperfections.observation_noise, observation_noise)
         self._action_noise.reset(robot, imperfections.action_noise, action_noise)
         self._delay.reset(robot, round(imperfections.latency * CONTROL_HZ), self._target[robot])
@@ -142,7 +145,7 @@ class ControlLoop:
         self._target[rows] = goal
         self._write_pushes()
         ticks = self.simulation.step(None if everyone else path, ids)
-        self._filter(observation.quantities(ticks), rows)
+        self._filter(observation.blocks(ticks), rows)
         if imperfect is not None:
             self._filter_errors(self._ids(rows, imperfect))
         self.tick[rows] += TICKS_PER_STEP

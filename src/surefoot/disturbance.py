@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP
+from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP, horizontal
 
 PUSH_DURATION = 0.12
 """The paper's push: a constant force for 0.12 s."""
@@ -66,7 +66,8 @@ class Pushes:
         self.body = np.zeros(num_robots, np.int64)
         self.force = np.zeros((num_robots, 3))
         self.arm = np.zeros(num_robots)
-        self._written = np.zeros(0, np.int64)
+        self._written = self._written_body = np.zeros(0, np.int64)
+        self._ever_used = False
 
     def schedule(
         self,
@@ -78,6 +79,7 @@ class Pushes:
         arm: np.ndarray | float = 0.0,
     ) -> None:
         """Give robots `ids` (n,) a push: body ids (n,), impulse vectors (n, 3) [Ns], start ticks (n,), [s], arm [m]."""
+        self._ever_used = True
         num_ticks = max(1, round(duration / CONTROL_DT))
         self.start[ids], self.end[ids] = start, start + num_ticks
         self.body[ids] = body
@@ -88,14 +90,10 @@ class Pushes:
         """No push for robots `ids`."""
         self.start[ids] = self.end[ids] = np.iinfo(np.int64).max
 
-    def write(self, wrench: np.ndarray, tick: np.ndarray) -> None:
-        """Write the forces of the next policy step in place of the last one's; arguments as those of `add`."""
-        self.clear(wrench)
-        self.add(wrench, tick)
-
     def clear(self, wrench: np.ndarray) -> None:
         """Take back what the last `add` wrote into the wrenches."""
-        wrench[self._written] = 0.0
+        if len(self._written):
+            wrench[self._written, :, self._written_body] = 0.0
 
     def add(self, wrench: np.ndarray, tick: np.ndarray) -> None:
         """Add the forces of the next policy step.
@@ -104,7 +102,10 @@ class Pushes:
             wrench: (N, TICKS_PER_STEP, num_bodies, 6).
             tick: ticks since each robot's reset (N,).
         """
-        self._written = active = np.flatnonzero((self.start < tick + TICKS_PER_STEP) & (self.end > tick))
+        if not self._ever_used:
+            return
+        active = np.flatnonzero((self.start < tick + TICKS_PER_STEP) & (self.end > tick))
+        self._written, self._written_body = active, self.body[active]
         if not len(active):
             return
         now = tick[active, None] + np.arange(TICKS_PER_STEP)
@@ -200,6 +201,7 @@ class RandomPushes:
         # Sectors are centred on the main directions.
         self._sector[ids] = np.rint(angle / (2.0 * np.pi) * self.NUM_SECTORS).astype(np.int64) % self.NUM_SECTORS
         self._impulse[ids] = self.rng.uniform(self.config.impulse[0], self.ceiling[self._sector[ids]])
-        direction = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)
-        body = self.rng.choice(self._body_ids, n)
-        self.pushes.schedule(ids, body, self._impulse[ids, None] * direction, start, self.config.duration)
+        impulse = np.zeros((n, 3))
+        horizontal(impulse)[:] = self._impulse[ids] * np.exp(1j * angle)
+        body = self._body_ids[self.rng.integers(len(self._body_ids), size=n)]
+        self.pushes.schedule(ids, body, impulse, start, self.config.duration)

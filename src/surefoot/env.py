@@ -32,6 +32,7 @@ class EnvConfig:
         drop_height: range of the height above the floor from which an episode starts [m], uniform.
         drop_share: share of the episodes that start from such a height; the others start on the floor.
         power_weight: penalty per watt, over the share of the training done.
+        power_knee: from about this power on, more costs ever less [W]; see `reward.step_reward`.
         disturbance: the pushes.
     """
 
@@ -43,6 +44,7 @@ class EnvConfig:
     drop_height: tuple[float, float] = (0.0, 0.0)
     drop_share: float = 0.0
     power_weight: Schedule = ((0.0, 1e-4),)
+    power_knee: float | None = None
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
 
 
@@ -101,7 +103,9 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         """Advance every robot by one policy step: act, simulate, reward, observe."""
         self.random_pushes.advance(self.loop.tick)
         ticks = self.loop.step(actions)
-        rewards, self.reward_means = reward.step_reward(ticks, self.loop.nominal_com_height, self.power_weight)
+        rewards, self.reward_means = reward.step_reward(
+            ticks, self.loop.nominal_com_height, self.power_weight, self.config.power_knee
+        )
         observations = self.loop.observation.astype(np.float32)
         terminated = ticks.non_foot_contact.any(axis=1) | self.loop.simulation.diverged
         truncated = (self.loop.tick >= self.max_ticks) & ~terminated
@@ -111,8 +115,9 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
             info = {"final_obs": observations.copy(), "_final_obs": done}
             fallen = np.flatnonzero(terminated)
             self.random_pushes.fell(fallen, self.loop.tick[fallen])
-            self._reset(np.flatnonzero(done))
-            observations[done] = self.loop.observation[done]
+            ids = np.flatnonzero(done)
+            self._reset(ids)
+            observations[ids] = self.loop.observe(ids)
         return observations, rewards, terminated, truncated, info
 
     def _reset(self, ids: np.ndarray) -> None:

@@ -2,65 +2,22 @@
 
 The vector of Yang et al. 2018, section IV-C, in R^47: positions are relative to the pelvis, and every vector is
 turned into the heading frame (the world turned by the pelvis yaw). Units: rad, m, m/s, rad/s; joint velocities as a
-share of their limit, foot forces in units of 800 N. The functions give SI units, the table the unit to divide by:
-the policy needs one filtered vector per step, so that the division waits until after the filter.
+share of their limit, foot forces in units of 800 N. The policy needs one filtered vector per step, so that the filter
+gets SI units in whole blocks of ticks, and the vector its order and its units afterwards.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from surefoot.robot import Robot
-from surefoot.simulation import Ticks
+from surefoot.simulation import HEADING_BLOCK, Ticks
 
 FOOT_FORCE_UNIT = 800.0
-
-
-def joint_position(ticks: Ticks) -> np.ndarray:
-    return ticks.joint_position
-
-
-def joint_velocity(ticks: Ticks) -> np.ndarray:
-    return ticks.joint_velocity
-
-
-def pelvis_velocity(ticks: Ticks) -> np.ndarray:
-    return ticks.in_heading("pelvis_velocity")
-
-
-def pelvis_angular_velocity(ticks: Ticks) -> np.ndarray:
-    return ticks.in_heading("pelvis_angular_velocity")
-
-
-def pelvis_attitude(ticks: Ticks) -> np.ndarray:
-    return np.moveaxis(ticks.pelvis_attitude, 0, -1)
-
-
-def com_velocity(ticks: Ticks) -> np.ndarray:
-    return ticks.in_heading("com_velocity")
-
-
-def com_position(ticks: Ticks) -> np.ndarray:
-    return ticks.in_heading("com_position")
-
-
-def foot_force(ticks: Ticks) -> np.ndarray:
-    return ticks.foot_force
-
-
-def torso_position(ticks: Ticks) -> np.ndarray:
-    return ticks.in_heading("torso_position")
-
-
-def left_foot_position(ticks: Ticks) -> np.ndarray:
-    return ticks.in_heading("left_sole_position")
-
-
-def right_foot_position(ticks: Ticks) -> np.ndarray:
-    return ticks.in_heading("right_sole_position")
 
 
 _XYZ = ("x", "y", "z")
@@ -70,14 +27,12 @@ class Quantity(NamedTuple):
     """A named part of the observation vector.
 
     Attributes:
-        function: from ticks to (num_robots, num_ticks, size).
         components: their names; None for one per joint.
         scale: how far the quantity typically moves, in its unit, which normalises a network's input.
         axial: a vector of rotation, which a mirror turns the other way round.
         unit: of a component, in SI units.
     """
 
-    function: Callable[[Ticks], np.ndarray]
     components: tuple[str, ...] | None
     scale: float
     axial: bool = False
@@ -85,17 +40,17 @@ class Quantity(NamedTuple):
 
 
 TABLE: dict[str, Quantity] = {
-    "joint_position": Quantity(joint_position, None, scale=0.3),
-    "joint_velocity": Quantity(joint_velocity, None, scale=0.2, unit=lambda robot: robot.velocity_limit),
-    "pelvis_velocity": Quantity(pelvis_velocity, _XYZ, scale=0.5),
-    "pelvis_angular_velocity": Quantity(pelvis_angular_velocity, _XYZ, scale=1.0, axial=True),
-    "pelvis_attitude": Quantity(pelvis_attitude, ("roll", "pitch"), scale=0.2),
-    "com_velocity": Quantity(com_velocity, _XYZ, scale=0.5),
-    "com_position": Quantity(com_position, _XYZ, scale=0.1),
-    "foot_force": Quantity(foot_force, ("left", "right"), scale=0.5, unit=lambda robot: FOOT_FORCE_UNIT),
-    "torso_position": Quantity(torso_position, _XYZ, scale=0.1),
-    "left_foot_position": Quantity(left_foot_position, _XYZ, scale=0.2),
-    "right_foot_position": Quantity(right_foot_position, _XYZ, scale=0.2),
+    "joint_position": Quantity(None, scale=0.3),
+    "joint_velocity": Quantity(None, scale=0.2, unit=lambda robot: robot.velocity_limit),
+    "pelvis_velocity": Quantity(_XYZ, scale=0.5),
+    "pelvis_angular_velocity": Quantity(_XYZ, scale=1.0, axial=True),
+    "pelvis_attitude": Quantity(("roll", "pitch"), scale=0.2),
+    "com_velocity": Quantity(_XYZ, scale=0.5),
+    "com_position": Quantity(_XYZ, scale=0.1),
+    "foot_force": Quantity(("left", "right"), scale=0.5, unit=lambda robot: FOOT_FORCE_UNIT),
+    "torso_position": Quantity(_XYZ, scale=0.1),
+    "left_foot_position": Quantity(_XYZ, scale=0.2),
+    "right_foot_position": Quantity(_XYZ, scale=0.2),
 }
 
 
@@ -113,6 +68,7 @@ def scales(robot: Robot) -> np.ndarray:
     return np.array([TABLE[name.split(".")[0]].scale for name in component_names(robot)])
 
 
+@functools.cache
 def units(robot: Robot) -> np.ndarray:
     """Unit of every component in SI units, (47,)."""
     sizes = (len(quantity.components or robot.joint_names) for quantity in TABLE.values())
@@ -145,11 +101,32 @@ def _mirror_sign(name: str) -> float:
     return -1.0 if component == "y" or component.endswith("roll") else 1.0
 
 
-def quantities(ticks: Ticks) -> list[np.ndarray]:
-    """The parts of the vector in its order, in SI units, unfiltered: (num_robots, num_ticks, size) each."""
-    return [quantity.function(ticks) for quantity in TABLE.values()]
+def blocks(ticks: Ticks) -> list[np.ndarray]:
+    """What the vector is made of as it lies side by side in the ticks, in SI units, unfiltered.
+
+    Returns:
+        Arrays (num_robots, num_ticks, size), 47 columns in all, to be put in order by `from_blocks`.
+    """
+    attitude = np.moveaxis(ticks.pelvis_attitude, 0, -1)
+    return [ticks.joint_state, ticks.in_heading, attitude, ticks.foot_force]
+
+
+_BLOCKS = ("joint_position", "joint_velocity", *HEADING_BLOCK, "pelvis_attitude", "foot_force")
+"""Quantities in the order of `blocks`."""
+
+
+@functools.cache
+def _order(robot: Robot) -> np.ndarray:
+    names = component_names(robot)
+    in_blocks = [name for quantity in _BLOCKS for name in names if name.startswith(f"{quantity}.")]
+    return np.array([in_blocks.index(name) for name in names])
+
+
+def from_blocks(values: np.ndarray, robot: Robot) -> np.ndarray:
+    """The vector (..., 47) in its order and units, from the joined columns of `blocks` (..., 47)."""
+    return values[..., _order(robot)] / units(robot)
 
 
 def observe(ticks: Ticks) -> np.ndarray:
     """The observation vector of every tick, unfiltered: (num_robots, num_ticks, 47) float64."""
-    return np.concatenate(quantities(ticks), axis=-1) / units(ticks.robot)
+    return from_blocks(np.concatenate(blocks(ticks), axis=-1), ticks.robot)

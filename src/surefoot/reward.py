@@ -100,12 +100,16 @@ _ALPHA = np.array([term.alpha for term in TERMS.values()])
 NAMES = (*TERMS, "no_foot_contact", "non_foot_contact", "power")
 
 
-def step_reward(ticks: Ticks, nominal_com_height: float, power_weight: float) -> tuple[np.ndarray, dict[str, float]]:
+def step_reward(
+    ticks: Ticks, nominal_com_height: float, power_weight: float, power_knee: float | None = None
+) -> tuple[np.ndarray, dict[str, float]]:
     """Reward of one policy step.
 
     Args:
         nominal_com_height: height of the CoM above the soles in the nominal pose [m].
         power_weight: penalty per watt of sum |torque * velocity|, on the scale on which perfect standing is 10.
+        power_knee: if given, a power P counts as knee * ln(1 + P / knee) [W], so that shuffling costs much and a
+            recovery of several kW not much more.
 
     Returns:
         reward: (num_robots,).
@@ -119,9 +123,13 @@ def step_reward(ticks: Ticks, nominal_com_height: float, power_weight: float) ->
         [
             NO_FOOT_CONTACT * ticks.in_the_air.mean(axis=-1),
             NON_FOOT_CONTACT * ticks.non_foot_contact.mean(axis=-1),
-            -power_weight / len(ticks) * ticks.joint_power.sum(axis=(1, 2)),
+            -power_weight * _counted_power(ticks, power_knee).mean(axis=-1),
         ]
     )
     reward = STEP_SCALE * (SCALE / _WEIGHT.sum() * (_WEIGHT @ terms) + penalties.sum(axis=0))
     means = np.concatenate([terms, penalties]).mean(axis=1)
     return reward, dict(zip(NAMES, means.tolist(), strict=True))
+
+
+def _counted_power(ticks: Ticks, knee: float | None) -> np.ndarray:
+    return ticks.power if knee is None else knee * np.log1p(ticks.power / knee)

@@ -114,6 +114,7 @@ def cubic_path(start: np.ndarray, end: np.ndarray, num_ticks: int, out: np.ndarr
     """
     u = np.arange(1, num_ticks + 1) / num_ticks
     share = (u * u * (3.0 - 2.0 * u))[:, None]
-    path = np.multiply(share, (end - start)[:, None], out=out)
-    path += start[:, None]
-    return path
+    path = np.multiply(share, (end - start)[:, None])
+    if out is None:
+        out = path
+    return np.add(path, start[:, None], out=out)

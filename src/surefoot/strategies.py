@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_DT, POLICY_DT, POLICY_HZ, Ticks, horizontal, roll_pitch, uprightness
+from surefoot.simulation import CONTROL_DT, POLICY_DT, POLICY_HZ, Ticks, horizontal, uprightness
 
 ANKLE_SHIFT = 0.02
 """[m]: 27 Nm of ankle torque under Valkyrie's weight. Its stiff nominal pose sways by 0.015 m undisturbed."""
@@ -253,7 +253,7 @@ def _features(ticks: Ticks) -> np.ndarray:
     standing = load * (moved < STILL)[:, None]
     moment = standing[..., None] * (ticks.foot_pressure_point[:, some] - soles[:, some, :, :2])
     tilt = np.arccos(np.clip(uprightness(ticks.foot_orientation[:, some]), -1.0, 1.0))
-    trunk = roll_pitch(ticks["torso_orientation"][:, some])
+    trunk = ticks.torso_attitude[:, :, some]
     legs = ticks.com_position[:, some] - 0.5 * (soles[:, some, 0] + soles[:, some, 1])
     forward, left = _in_heading(ticks.heading[..., some], legs)
     against_legs = trunk - np.stack([-np.arctan2(left, legs[..., 2]), np.arctan2(forward, legs[..., 2])])

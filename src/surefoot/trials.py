@@ -186,7 +186,7 @@ class _Arena:
             return self.loop.drive(slots), self.loop.failed
         assert not isinstance(self.policy, Contestant)
         everyone = len(slots) == len(self.trial)  # then nothing is copied
-        actions = self.policy(self.loop.observation[slots], slots)
+        actions = self.policy(self.loop.observe(slots), slots)
         return self.loop.step(actions, None if everyone else slots), {}
 
     def _begin(self, slots: np.ndarray, trials: list[Trial]) -> None:

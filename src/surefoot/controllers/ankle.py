@@ -44,7 +44,7 @@ class Ankle:
         self.dynamics.body.update(state)
         self.height[ids] = np.where(np.isnan(self.height[ids]), state.com_height, self.height[ids])
         target, torque = self.dynamics(state, self.motion(state, ids))
-        touching = state.foot_force.any(axis=1)
+        touching = (state.foot_force > 1.0).any(axis=1)
         self.touched[ids] = np.where(touching, state.time, self.touched[ids])
         flying = (state.time - self.touched[ids] > FLIGHT_S)[:, None]
         # Nothing to push against: the joint impedance holds the pose for the landing.

@@ -40,7 +40,7 @@ class ControllerLoop(ControlLoop):
         self.failed: dict[int, str] = {}
         self._block = CONTROL_HZ // contestant.rate_hz
         super().__init__(robot, num_robots, np.array(contestant.contract.nominal_pose), 1.0, num_threads, world)
-        self._errors = LowPass(num_robots, len(self._units), self._block, CONTROL_HZ)
+        self._errors = LowPass(num_robots, len(self._scales), self._block, CONTROL_HZ)
         self._delay = Delay(num_robots, TICKS_PER_STEP, robot.num_joints)
         self._seen = np.zeros((num_robots, self.simulation.model.nsensordata))
 
@@ -147,11 +147,11 @@ class ControllerLoop(ControlLoop):
 
     def _state(self, ids: np.ndarray) -> State:
         ticks = Ticks(self.robot, self.simulation.layout, self._seen[ids, None])
-        parts = [part[:, 0] for part in observation.quantities(ticks)]
+        vector = observation.observe(ticks)[:, 0]
         if self._imperfect[ids].any():
-            ends = np.cumsum([part.shape[1] for part in parts])[:-1]
-            errors = np.split(self._errors.output[ids] * self._units, ends, axis=1)
-            parts = [part + error for part, error in zip(parts, errors, strict=True)]
+            vector = vector + self._errors.output[ids]
+        columns = np.cumsum([len(part.components or self.robot.joint_names) for part in observation.TABLE.values()])
+        parts = np.split(vector * observation.units(self.robot), columns[:-1], axis=1)
         named = dict(zip(observation.TABLE, parts, strict=True))
         soles = np.stack([named["left_foot_position"], named["right_foot_position"]], axis=1)
         height = named["com_position"][:, 2] - soles[..., 2].min(axis=1)

@@ -58,19 +58,17 @@ class Play:
 
 
 @dataclass(frozen=True)
-class Video:
-    """Film one push of one robot, as .mp4 or .gif, without a screen."""
+class _Shown:
+    """Whose trial is shown, and which."""
 
     policy: Annotated[str, tyro.conf.Positional] = "trpo"
     """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal"."""
-    out: Path = Path("push.mp4")
-    """The film: .mp4 or .gif."""
+    out: Path = Path("push")
+    """The file."""
     body: str = "pelvis"
     """Who is pushed: pelvis, torso, left_thigh, right_thigh, left_shank or right_shank."""
     direction: str = "forward"
     """forward, left, backward, right, or degrees from forward to the left."""
-    impulse: float = 120.0
-    """Force x duration [Ns]; with --scenario the size of what it searches: Ns, m or degrees."""
     scenario: str = ""
     """A scenario of `surefoot evaluate` instead of a push: its name, or FILE.toml:NAME. With a direction, a size and a
     seed it is the very trial of the results table."""
@@ -78,6 +76,22 @@ class Video:
     """How long it pushes [s]."""
     seed: int = 0
     """Of the start angles."""
+
+    def trial(self, size: float) -> Trial:
+        """A scenario's trial, or a push of `size` [Ns]."""
+        if self.scenario:
+            return scenario_trial(self.scenario, self.direction, size, self.seed)
+        return push_trial(self.body, self.direction, size, self.duration, self.seed)
+
+
+@dataclass(frozen=True)
+class Video(_Shown):
+    """Film one push of one robot, as .mp4 or .gif, without a screen."""
+
+    out: Path = Path("push.mp4")
+    """The film: .mp4 or .gif."""
+    impulse: float = 120.0
+    """Force x duration [Ns]; with --scenario the size of what it searches: Ns, m or degrees."""
     begin: float = -0.5
     """Where the film begins, in seconds from the push."""
     end: float = 6.0
@@ -93,7 +107,7 @@ class Video:
         from surefoot import video
 
         video.check_film(self.out, self.size)
-        trial = chosen_trial(self, self.impulse)
+        trial = self.trial(self.impulse)
         with console.status(f"filming {self.out}"):
             recording = video.record(named_policy(self.policy), trial)
             video.save_video(self.out, recording, self.fps, self.size, begin=self.begin, end=self.end, speed=self.speed)
@@ -101,25 +115,13 @@ class Video:
 
 
 @dataclass(frozen=True)
-class Picture:
+class Picture(_Shown):
     """Draw pushes of one robot as a film strip, a row for each impulse and a column for each time; without a screen."""
 
-    policy: Annotated[str, tyro.conf.Positional] = "trpo"
-    """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal"."""
     out: Path = Path("push.png")
     """The picture: .png or .jpg."""
-    body: str = "pelvis"
-    """Who is pushed: pelvis, torso, left_thigh, right_thigh, left_shank or right_shank."""
-    direction: str = "forward"
-    """forward, left, backward, right, or degrees from forward to the left."""
     impulse: tuple[float, ...] = (120.0,)
     """Force x duration [Ns], one or more; with --scenario sizes of what it searches: Ns, m or degrees."""
-    scenario: str = ""
-    """A scenario of `surefoot evaluate` instead of a push: its name, or FILE.toml:NAME."""
-    duration: float = 0.12
-    """How long it pushes [s]."""
-    seed: int = 0
-    """Of the start angles."""
     times: tuple[float, ...] = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
     """Seconds from the push; a single time of a single impulse gives a picture without a margin."""
     size: tuple[int, int] = (260, 320)
@@ -130,7 +132,7 @@ class Picture:
         from surefoot.scene import Scene
 
         video.check_picture(self.out)
-        trials = [chosen_trial(self, size) for size in self.impulse]
+        trials = [self.trial(size) for size in self.impulse]
         with console.status(f"drawing {self.out}"):
             recordings = [video.record(named_policy(self.policy), trial) for trial in trials]
             if len(recordings) == len(self.times) == 1:
@@ -147,13 +149,6 @@ def named_policy(name: str) -> Policy:
     from surefoot.policy import NominalPolicy, load_policy
 
     return NominalPolicy() if name == "nominal" else load_policy(name)
-
-
-def chosen_trial(options: Video | Picture, size: float) -> Trial:
-    """What is to be shown: a scenario's trial, or a push of `size` [Ns]."""
-    if options.scenario:
-        return scenario_trial(options.scenario, options.direction, size, options.seed)
-    return push_trial(options.body, options.direction, size, options.duration, options.seed)
 
 
 def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
