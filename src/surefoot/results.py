@@ -14,7 +14,7 @@ import math
 import sqlite3
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +25,7 @@ import mujoco
 import surefoot
 from surefoot import judge, strategies, trials
 from surefoot.control import Imperfections
+from surefoot.controllers.step_times import Timing
 from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
 from surefoot.evaluation import Line, Threshold
@@ -66,6 +67,9 @@ CREATE TABLE IF NOT EXISTS thresholds (
     size REAL NOT NULL, unit TEXT NOT NULL, trials INTEGER NOT NULL, recovered INTEGER NOT NULL, low REAL NOT NULL,
     high REAL NOT NULL, limited_by TEXT NOT NULL, definition TEXT NOT NULL,
     UNIQUE (policy, setup, scenario, direction)
+);
+CREATE TABLE IF NOT EXISTS controllers (
+    policy TEXT NOT NULL, setup TEXT NOT NULL, timing TEXT NOT NULL, UNIQUE (policy, setup)
 );
 """
 
@@ -169,6 +173,17 @@ class Results:
         rows = [(*key, scenario.name, _definition(scenario), wall_s) for scenario in scenarios]
         self._db.executemany("INSERT OR REPLACE INTO scenarios VALUES (?, ?, ?, ?, ?)", rows)
         self._db.commit()
+
+    def add_timing(self, policy: Entrant, timing: Timing) -> None:
+        """Keep how long a controller's steps took, in place of what was kept before."""
+        key = (policy.digest, setup_digest(policy.contract.robot))
+        self._db.execute("INSERT OR REPLACE INTO controllers VALUES (?, ?, ?)", (*key, json.dumps(asdict(timing))))
+        self._db.commit()
+
+    def timing(self, key: Key) -> Timing | None:
+        """A controller's times per control step; None for policies."""
+        row = self._db.execute("SELECT timing FROM controllers WHERE policy = ? AND setup = ?", key).fetchone()
+        return Timing(**json.loads(row[0])) if row else None
 
     def policies(self) -> dict[str, tuple[str, str]]:
         """Name -> (digest, contract as JSON) of every policy in the table."""

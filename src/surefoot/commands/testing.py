@@ -17,6 +17,7 @@ from surefoot.commands.terminal import check_positive, console, evaluation_bar, 
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
+    from surefoot.controllers import Contestant
     from surefoot.policy import Policy
     from surefoot.scenarios import Scenario
     from surefoot.trials import Trial
@@ -101,7 +102,7 @@ class Replay:
         if found:
             sys.exit(1)
 
-    def _show(self, policy: Policy, trial: Trial, output: Console) -> None:
+    def _show(self, policy: Policy | Contestant, trial: Trial, output: Console) -> None:
         if not (self.video or self.picture):
             return
         from surefoot import video
@@ -163,9 +164,10 @@ def evaluate_policy(
 ) -> dict[str, float]:
     """Run, print and keep some scenarios of one policy; returns its flat figures."""
     from surefoot import figures, tables
-    from surefoot.controllers import load_entrant
+    from surefoot.controllers import Contestant, load_entrant
+    from surefoot.controllers.timing import measure, timing_figures, timing_table
     from surefoot.evaluation import run_scenarios
-    from surefoot.results import Results
+    from surefoot.results import Results, setup_digest
     from surefoot.robot import load_robot
 
     policy = load_entrant(name)
@@ -178,6 +180,9 @@ def evaluate_policy(
         wall_s = time.monotonic() - began
         results.add_thresholds(policy, thresholds)
         results.add_scenarios(policy, scenarios, wall_s)
+        if isinstance(policy, Contestant) and policy.times.num_steps:
+            results.add_timing(policy, measure(policy))
+        timing = results.timing((policy.digest, setup_digest(robot.name)))
         if export:
             results.export("thresholds", export)
         fixed = results.fixed_outcomes(policy.name)
@@ -185,6 +190,9 @@ def evaluate_policy(
     steps = tables.median_steps(thresholds, store)
     for table in tables.all_tables(policy, thresholds, fixed, steps, robot):
         output.print(table.rich())
+    if timing:
+        output.print(timing_table({policy.name: timing}).rich())
+        found |= timing_figures(timing)
     return found
 
 

@@ -70,7 +70,7 @@ class Body:
 
     def _read(self, n: int) -> None:
         found = {name: field[:n] for name, field in self._fields.items()}
-        self.mass_matrix = found["M"][:, self._entry] * self._filled
+        self.mass_matrix = np.ascontiguousarray(found["M"][:, self._entry] * self._filled)
         self.bias = found["qfrc_bias"].copy()
         self.com = found["subtree_com"].reshape(n, -1, 3)[:, self._pelvis].copy()
         self.soles = found["site_xpos"].reshape(n, -1, 3)[:, self._sites]
@@ -107,4 +107,5 @@ def _rotation(roll: np.ndarray, pitch: np.ndarray) -> np.ndarray:
     sr, cr, sp, cp = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
     zero = np.zeros_like(sr)
     rows = [[cp, sp * sr, sp * cr], [zero, cr, -sr], [-sp, cp * sr, cp * cr]]
-    return np.moveaxis(np.array(rows), 2, 0)
+    # In one piece: products of other layouts round otherwise, and then a robot's bits would depend on its neighbours.
+    return np.ascontiguousarray(np.moveaxis(np.array(rows), 2, 0))

@@ -1,4 +1,4 @@
-"""Linear MPC: the cart-table model of the CoM over a horizon, and its quadratic programs, solved by ProxQP."""
+"""Linear MPC: the cart-table model of the CoM over a horizon, and its quadratic programs, solved by DAQP."""
 
 from __future__ import annotations
 
@@ -72,7 +72,10 @@ class Pendulum:
 
 
 class QuadraticPrograms:
-    """min 1/2 u'Hu + g'u with l <= C u <= u, solved by ProxQP (A. Bambade et al. 2022); H and C are always the same.
+    """min 1/2 u'Hu + g'u with l <= C u <= u, solved by DAQP (D. Arnstrom et al. 2022); H and C are always the same.
+
+    Constraints that cannot all be kept are broken as little as possible. The same numbers give the same bits, whatever
+    was solved before.
 
     Args:
         hessian: H (k, k).
@@ -81,27 +84,18 @@ class QuadraticPrograms:
 
     def __init__(self, hessian: np.ndarray, constraints: np.ndarray):
         try:
-            import proxsuite
+            import daqp
         except ImportError as error:
-            raise UserError("this controller needs proxsuite: pip install 'surefoot[controllers]'") from error
-        size, num_constraints = hessian.shape[0], constraints.shape[0]
-        self._program = proxsuite.proxqp.dense.QP(size, 0, num_constraints)
-        none = np.zeros(num_constraints)
-        self._program.settings.eps_abs = 1e-5
-        self._program.settings.max_iter = 50
-        # Where nothing keeps all constraints, what breaks them least is still an answer.
-        self._program.settings.primal_infeasibility_solving = True
-        # Nothing is carried over from one robot to the next.
-        self._program.settings.initial_guess = proxsuite.proxqp.InitialGuess.NO_INITIAL_GUESS
-        self._program.init(hessian, np.zeros(size), None, None, constraints, none, none)
+            raise UserError("this controller needs daqp: pip install 'surefoot[controllers]'") from error
+        self._solve = daqp.solve
+        self._hessian, self._constraints = np.ascontiguousarray(hessian), np.ascontiguousarray(constraints)
+        self._soft = np.full(len(constraints), 8, np.int32)
 
     def solve(self, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Solutions (n, k) for gradients (n, k) and bounds (n, m)."""
         found = np.empty_like(gradient)
-        for row in range(len(found)):
-            self._program.update(g=gradient[row], l=lower[row], u=upper[row])
-            self._program.solve()
-            found[row] = self._program.results.x
+        for i, bounds in enumerate(zip(upper, lower, strict=True)):
+            found[i] = self._solve(self._hessian, gradient[i], self._constraints, *bounds, self._soft)[0]
         return found
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from surefoot.controllers.step_times import StepTimes
 from surefoot.errors import UserError
 from surefoot.policy import Contract
 from surefoot.robot import Robot, load_robot
@@ -94,39 +95,6 @@ class Controller(Protocol):
     def __call__(self, state: State, ids: np.ndarray) -> Command:
         """One control step of robots `ids` (n,). May be asked again for some of them if it raises."""
         ...
-
-
-class StepTimes:
-    """How long the control steps took, per robot: a call's time over the number of its robots [s]."""
-
-    def __init__(self, rate_hz: int):
-        self.rate_hz = rate_hz
-        self._seconds: list[float] = []
-        self._robots: list[int] = []
-
-    def add(self, seconds: float, num_robots: int) -> None:
-        """A call for so many robots took so long altogether."""
-        self._seconds.append(seconds / num_robots)
-        self._robots.append(num_robots)
-
-    @property
-    def num_steps(self) -> int:
-        """Control steps of single robots."""
-        return sum(self._robots)
-
-    @property
-    def num_missed(self) -> int:
-        """Control steps that took longer than there is time for at the controller's rate."""
-        return int((np.array(self._robots)[np.array(self._seconds) > 1.0 / self.rate_hz]).sum())
-
-    def quantile(self, share: float) -> float:
-        """Time within which this share of the control steps was done [s]; NaN without any."""
-        if not self._seconds:
-            return float("nan")
-        seconds, robots = np.array(self._seconds), np.array(self._robots)
-        order = np.argsort(seconds)
-        reached = np.cumsum(robots[order]) >= share * robots.sum()
-        return float(seconds[order][int(reached.argmax())])
 
 
 @dataclass(eq=False)
