@@ -89,13 +89,16 @@ class QuadraticPrograms:
             raise UserError("this controller needs daqp: pip install 'surefoot[controllers]'") from error
         self._solve = daqp.solve
         self._hessian, self._constraints = np.ascontiguousarray(hessian), np.ascontiguousarray(constraints)
+        self._inverse = np.linalg.inv(hessian)
         self._soft = np.full(len(constraints), 8, np.int32)
 
     def solve(self, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Solutions (n, k) for gradients (n, k) and bounds (n, m)."""
-        found = np.empty_like(gradient)
-        for i, bounds in enumerate(zip(upper, lower, strict=True)):
-            found[i] = self._solve(self._hessian, gradient[i], self._constraints, *bounds, self._soft)[0]
+        found = -np.matmul(gradient[:, None], self._inverse)[:, 0]  # without constraints, which is often all
+        kept = np.matmul(found[:, None], self._constraints.T)[:, 0]
+        for i in np.flatnonzero(((kept < lower) | (kept > upper)).any(axis=1)):
+            bounds = upper[i], lower[i], self._soft
+            found[i] = self._solve(self._hessian, gradient[i], self._constraints, *bounds)[0]
         return found
 
 

@@ -43,6 +43,9 @@ BEARING_FORCE, HANGING = 5.0, 0.005
 NEAR_FORWARD, NEAR_APART = (-0.40, 0.40), (0.22, 0.45)
 """A hanging foot is put down so near to the other one: forward, and outward to its own side [m]."""
 AHEAD_S, SMOOTHING = 0.06, 0.3
+"""How far ahead the capture point is looked at sideways [s], and the share of its newest speed in the filtered one."""
+QUIET_S = 0.5
+"""For so long after a landing it is not [s]: then its speed is the landing's own."""
 NONE = -1
 _OUTWARD = np.array([1.0, -1.0])
 
@@ -183,7 +186,7 @@ class Stepping(Ankle, ABC):
         speed = np.where(np.isnan(speed), 0.0, speed)
         self.speed[ids] += SMOOTHING * (speed - self.speed[ids])
         self.before[ids] = place
-        quiet = state.time - self.until[ids] > 0.5
+        quiet = state.time - self.until[ids] > QUIET_S
         ahead = np.column_stack([np.zeros(len(ids)), np.where(quiet, AHEAD_S, 0.0)])
         return state.capture_point + ahead * self.speed[ids]
 
