@@ -57,7 +57,7 @@ results-tables: $(READY)
 # What docs/play.md and the README show of the live page; needs chromium.
 screenshots: $(READY)
 	$(BIN)/python docs/screenshots.py
-	$(BIN)/surefoot video trpo --out docs/pictures/push.gif --impulse 168 --begin -0.3 --end 2.6 --size 480 360 --fps 12.5
+	$(BIN)/surefoot video best --out docs/pictures/push.gif --impulse 300 --begin -0.3 --end 2.6 --size 480 360 --fps 12.5
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache

@@ -32,7 +32,7 @@ def main() -> None:
 
 def take(chromium: Any, num_robots: int, act: Callable[[Page], None], path: Path) -> None:
     """A screenshot of the page after `act`."""
-    page = Page(PolicySource("trpo"), num_robots, port=0)
+    page = Page(PolicySource("best"), num_robots, port=0)
     tab = chromium.new_page(viewport=SIZE)
     try:
         tab.goto(page.address)
@@ -50,12 +50,12 @@ def take(chromium: Any, num_robots: int, act: Callable[[Page], None], path: Path
 
 def pushed_forward(page: Page) -> None:
     """In the first half second after a hard push."""
-    run(page, lambda session: session.push(horizontal_push("pelvis", 0.0, 168.0)), 0.28)
+    run(page, lambda session: session.push(horizontal_push("pelvis", 0.0, 300.0)), 0.28)
 
 
 def pushed_left(page: Page) -> None:
-    """So hard that not everyone stays up."""
-    run(page, lambda session: session.push(horizontal_push("pelvis", 90.0, 108.0)), 1.6)
+    """Hard, from the side."""
+    run(page, lambda session: session.push(horizontal_push("pelvis", 90.0, 300.0)), 1.6)
 
 
 def run(page: Page, action: Callable[[Session], object], seconds: float) -> None:

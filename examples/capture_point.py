@@ -1,6 +1,6 @@
 """A controller of your own: capture-point feedback by the ankles, over the pose that the joints hold.
 
-    surefoot evaluate examples/capture_point.py:CapturePoint
+surefoot evaluate examples/capture_point.py:CapturePoint
 """
 
 import numpy as np

@@ -1,12 +1,14 @@
 """Learning with real physics: every algorithm beats standing, a run can be interrupted and resumed, nothing is lost."""
 
 import dataclasses
+import importlib.resources
 import json
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -19,14 +21,17 @@ from surefoot import observation
 from surefoot.disturbance import DisturbanceConfig
 from surefoot.env import EnvConfig, PushRecoveryVectorEnv
 from surefoot.errors import UserError
+from surefoot.learning.ablations import LEFT_OUT, ablate, ablation_table, without
 from surefoot.learning.config import HALF_LIFE_GAMMA, PRESETS, TrainConfig, preset
 from surefoot.learning.probe import FIRST_SEED, probe
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.sb3 import ExplorationNoise, SB3VecEnv, actor_layers, limit_exploration
+from surefoot.learning.selection import files, judge, shipped_bytes
 from surefoot.learning.train import Trainer, make_model, train
 from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, load_policy, network_bytes
 from surefoot.robot import load_robot
 from surefoot.single import PushRecoveryEnv
+from surefoot.trials import run_list
 
 ALGORITHMS = ("trpo", "ppo", "ddpg")
 
@@ -53,8 +58,6 @@ def make(config: TrainConfig):
 # Pushes that throw over a robot that only holds its pose, and an episode short enough to see many of them.
 HARD = DisturbanceConfig(impulse=(26.5, 106.0), first=(0.4, 0.8), interval=(2.4, 3.0))
 STEPS = {"trpo": 200_000, "ppo": 120_000, "ddpg": 100_000}
-# Returns over three steps carry DDPG through its first minute faster than the preset, made for longer runs.
-HURRY: dict[str, dict[str, int]] = {"trpo": {}, "ppo": {}, "ddpg": {"n_steps": 3}}
 
 
 def mean_return(policy, config: EnvConfig, num_envs: int = 64, num_steps: int = 250) -> float:
@@ -76,7 +79,6 @@ def test_a_short_run_beats_holding_the_nominal_pose(algorithm: str, tmp_path: Pa
     config = dataclasses.replace(
         config,
         env=dataclasses.replace(config.env, pose="straight", disturbance=HARD),
-        hyper={**config.hyper, **HURRY[algorithm]},
         minutes=30.0,
         steps=STEPS[algorithm],
     )
@@ -115,6 +117,17 @@ def test_a_mirrored_policy_acts_alike_on_both_sides(algorithm: str) -> None:
     actions = model.predict(inputs, deterministic=True)[0]
     mirrored = model.predict(inputs[:, source] * sign.astype(np.float32), deterministic=True)[0]
     np.testing.assert_allclose(mirrored, actions[:, joint_source] * joint_sign, atol=1e-5)
+
+
+def test_learning_while_the_robots_move_depends_on_the_seed_alone() -> None:
+    runs = []
+    for _ in range(2):
+        model, _ = make(tiny("ddpg"))
+        model.learn(512)
+        assert model._n_updates > 20  # they were made, one per policy step but the first ones
+        runs.append([weight for layer in actor_layers(model) for weight in layer])
+    for first, second in zip(*runs, strict=True):
+        np.testing.assert_array_equal(first, second)
 
 
 def test_networks_are_the_papers() -> None:
@@ -194,7 +207,7 @@ def test_the_paper_preset_has_the_papers_hyperparameters() -> None:
 def test_unknown_names_are_named_with_the_valid_ones() -> None:
     with pytest.raises(UserError, match="unknown algorithm 'sac'; valid: trpo, ppo, ddpg"):
         preset("fast", "sac")
-    with pytest.raises(UserError, match="unknown preset 'slow'; valid: paper, fast, gentle"):
+    with pytest.raises(UserError, match="unknown preset 'slow'; valid: paper, fast, wide"):
         preset("slow", "ppo")
 
 
@@ -321,6 +334,48 @@ def test_a_probe_uses_trials_that_the_evaluation_never_sees() -> None:
     # Held by its impedance alone the robot rejects small pushes and no large ones.
     assert 0.05 < found.recovered < 0.4
     assert set(found.rejected) >= {"forward", "left", "backward", "right", "45"}
+
+
+def test_probes_of_other_rounds_use_other_trials() -> None:
+    policy = NominalPolicy(load_robot(), "bent")
+    seeds: list[set[int]] = []
+    for number in (0, 1):
+        with mock.patch("surefoot.learning.probe.run_list", wraps=run_list) as runner:
+            probe(policy, round=number)
+        seeds.append({trial.seed for trial in runner.call_args.args[1]})
+    assert len(seeds[0]) == len(seeds[1]) == 128
+    assert not seeds[0] & seeds[1]
+
+
+def test_the_better_policy_is_selected_and_carries_what_was_found(tmp_path: Path) -> None:
+    for name in ("ddpg", "ppo"):
+        policy = importlib.resources.files("surefoot") / "policies" / f"{name}.onnx"
+        (tmp_path / f"{name}.onnx").write_bytes(policy.read_bytes())
+    candidates = [judge(file, 1) for file in files([tmp_path / "ddpg.onnx", tmp_path / "ppo.onnx"])]
+    best = max(candidates, key=lambda candidate: candidate.score)
+    chosen = NetworkPolicy(shipped_bytes(best), "chosen")
+    assert chosen.contract.training["selection"] == [{"recovered": round(best.recovered, 4), "calm": best.calm}]
+    observation = np.zeros((1, 47))
+    np.testing.assert_array_equal(chosen(observation, np.arange(1)), load_policy(best.file)(observation, np.arange(1)))
+    with pytest.raises(UserError, match=r"no policies in .*nowhere"):
+        files([tmp_path / "nowhere"])
+
+
+def test_every_ablation_leaves_out_one_thing_and_can_be_made() -> None:
+    whole = without("nothing", 1000, seed=0)
+    for name in LEFT_OUT:
+        config = without(name, 1000, seed=0)
+        assert (config == whole) == (name == "nothing")
+        make(dataclasses.replace(config, num_envs=2))
+
+
+def test_an_ablation_that_is_done_is_not_done_again(tmp_path: Path) -> None:
+    curve = ablate("averaged-actor", tmp_path, steps=7_000, seed=0)
+    assert curve[-1]["steps"] >= 7_000
+    before = (tmp_path / "averaged-actor" / "last.onnx").stat().st_mtime_ns
+    assert len(ablate("averaged-actor", tmp_path, steps=7_000, seed=0)) == len(curve)
+    assert (tmp_path / "averaged-actor" / "last.onnx").stat().st_mtime_ns == before
+    assert ablation_table({"averaged-actor": curve}).rows[0][0] == "averaged actor"
 
 
 def _optimizer_steps(model) -> float:

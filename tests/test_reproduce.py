@@ -23,7 +23,7 @@ SCENARIOS = (Scenario("quick", search="", directions=2, impulse=12.0, trials=1, 
 
 def study(out: Path, **changes) -> Study:
     """One short training, and an evaluation of two trials."""
-    short = Study(out, 1, 5.0, "gentle", ("ppo",), SCENARIOS)
+    short = Study(out, 1, 5.0, "fast", ("ppo",), SCENARIOS)
     return replace(short, **changes)
 
 
@@ -80,7 +80,7 @@ def test_the_report_holds_the_policy_and_its_learning_curve(finished: Study) -> 
     assert [e.name for e in report.evaluations] == ["ppo-0"]
     assert [figure.slug for figure in report.comparison_figures] == ["learning"]
     page = (finished.out / "report.html").read_text()
-    assert re.search(r"ppo, preset gentle, seed 0", page)
+    assert re.search(r"ppo, preset fast, seed 0", page)
     assert "| quick | 2 |" in (finished.out / "report.md").read_text()
 
 

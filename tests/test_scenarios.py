@@ -245,6 +245,7 @@ def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
         ("body = 3", "body must be a text, not 3"),
         ("search = false", "search must be a text, not False"),
         ('search = "force"', "unknown search 'force'; valid: impulse, height, tilt, or nothing"),
+        ('directions = [90, "left"]', "direction 'left' is given twice"),
         ('search = "tilt"', "a searched tilt needs a drop height"),
         ("directions = 0", "directions must be how many (1 to 360) or a list of degrees and of forward, left, "),
         ("directions = 2.5", "directions must be how many (1 to 360) or a list"),

@@ -8,7 +8,7 @@ from typing import Any
 
 import tyro
 
-from surefoot.commands.learning import Reproduce, Train
+from surefoot.commands.learning import Ablate, Reproduce, Select, Train
 from surefoot.commands.showing import Demo, Pictures, Report
 from surefoot.commands.terminal import console
 from surefoot.commands.testing import Bench, Evaluate, Replay, Table
@@ -24,6 +24,8 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "bench": Bench,
     "demo": Demo,
     "reproduce": Reproduce,
+    "ablate": Ablate,
+    "select": Select,
     "pictures": Pictures,
     "play": Play,
     "video": Video,

@@ -39,10 +39,11 @@ def flat_figures(
     found = by_scenario(thresholds)
     for name, lines in found.items():
         figures |= _threshold_figures(name, list(lines.values()), robot)
-    if has_main_directions(found.get("pelvis_push_no_step", {})):
-        lines = found["pelvis_push_no_step"]
-        figures["pelvis_push_no_step.sagittal"] = min(lines[d].size for d in ("forward", "backward"))
-        figures["pelvis_push_no_step.lateral"] = min(lines[d].size for d in ("left", "right"))
+    for name in ("pelvis_push", "pelvis_push_no_step"):
+        lines = found.get(name, {})
+        if has_main_directions(lines):
+            figures[f"{name}.sagittal"] = min(lines[d].size for d in ("forward", "backward"))
+            figures[f"{name}.lateral"] = min(lines[d].size for d in ("left", "right"))
     if "landing_height" in found:
         figures["landing.height_m"] = min(t.size for t in found["landing_height"].values())
     if "landing_tilt" in found:

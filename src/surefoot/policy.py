@@ -272,3 +272,16 @@ def network_bytes(
     helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
     onnx.checker.check_model(model)
     return model.SerializeToString()
+
+
+def with_record(data: bytes, **entries: Any) -> bytes:
+    """A policy file with further entries in its training record."""
+    import onnx
+
+    model = onnx.load_model_from_string(data)
+    (text,) = [pair.value for pair in model.metadata_props if pair.key == METADATA_KEY]
+    contract = Contract.from_json(text)
+    del model.metadata_props[:]
+    contract = dataclasses.replace(contract, training=contract.training | entries)
+    onnx.helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
+    return model.SerializeToString()

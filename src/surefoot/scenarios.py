@@ -301,6 +301,10 @@ def _read(entry: Any, where: str) -> Scenario:
         load_robot().body_id(scenario.body)
     except UserError as error:
         raise UserError(f"{where}: {error}") from error
+    names = [line.name for line in scenario.lines()]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise UserError(f"{where}: direction '{twice}' is given twice")
     if scenario.search not in ("", *GRIDS):
         raise UserError(f"{where}: unknown search '{scenario.search}'; valid: {', '.join(GRIDS)}, or nothing")
     if scenario.search == "tilt" and not scenario.drop:

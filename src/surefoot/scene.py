@@ -16,7 +16,7 @@ import numpy as np
 
 from surefoot.disturbance import Push
 from surefoot.errors import UserError
-from surefoot.robot import Robot
+from surefoot.robot import FLOOR, PLAIN, Robot, World
 from surefoot.simulation import Ticks
 
 _AFTERGLOW = 0.3
@@ -98,14 +98,15 @@ class Scene:
 
     Args:
         width, height: of the pictures [pixels].
+        world: what the robot stands on.
 
     Raises:
         UserError: the size is beyond the model's offscreen buffer, or no OpenGL can be had.
     """
 
-    def __init__(self, robot: Robot, width: int = 640, height: int = 480):
+    def __init__(self, robot: Robot, width: int = 640, height: int = 480, world: World = PLAIN):
         self.robot = robot
-        self._model = robot.model(visual=True)
+        self._model = robot.model(world, visual=True)
         largest = self._model.vis.global_.offwidth, self._model.vis.global_.offheight
         if not (0 < width <= largest[0] and 0 < height <= largest[1]):
             raise UserError(f"cannot draw {width} x {height} pixels; valid: up to {largest[0]} x {largest[1]}")
@@ -167,16 +168,22 @@ class Scene:
         return pixels[::-1].copy()
 
     def _mark_ground(self, moment: Moment) -> None:
-        ground = self._data.geom("floor").xpos[2]
-        corners = np.column_stack([moment.support_polygon, np.full(len(moment.support_polygon), ground + 0.004)])
+        corners = np.column_stack([moment.support_polygon, self._ground(moment.support_polygon) + 0.004])
         for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             self._connect(mujoco.mjtGeom.mjGEOM_CAPSULE, 0.006, a, b, _SUPPORT)
         capture_color = _CAPTURED if moment.is_captured else _ESCAPED
         # The CoM's disc is smaller and lies higher: both are seen when one is on the other.
         discs = ((moment.capture_point, 0.045, 0.010, capture_color), (moment.com_position[:2], 0.028, 0.016, _COM))
         for center, radius, top, color in discs:
+            ground = self._ground(center)
             low, high = [*center, ground], [*center, ground + top]
             self._connect(mujoco.mjtGeom.mjGEOM_CYLINDER, radius, low, high, color, nearer=True)
+
+    def _ground(self, points: np.ndarray) -> np.ndarray:
+        """Height of the floor (...) [m] at points (..., 2)."""
+        floor = self._data.geom(FLOOR)
+        normal = floor.xmat[2::3]
+        return floor.xpos[2] - (np.asarray(points) - floor.xpos[:2]) @ normal[:2] / normal[2]
 
     def _mark_robot(self, moment: Moment) -> None:
         com = moment.com_position

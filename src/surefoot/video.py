@@ -22,7 +22,7 @@ from surefoot.policy import Policy
 from surefoot.robot import Robot, load_robot
 from surefoot.scene import LEGEND, Moment, Scene
 from surefoot.simulation import CONTROL_DT, CONTROL_HZ, Ticks
-from surefoot.trials import Outcome, Trial, TrialSource, run_trials
+from surefoot.trials import Outcome, Trial, TrialSource, draws, run_trials
 
 PICTURE_SUFFIXES = (".png", ".jpg")
 VIDEO_SUFFIXES = (".mp4", ".gif")
@@ -71,7 +71,7 @@ def record(policy: Policy | Contestant, trial: Trial, fps: int = 50) -> Recordin
     valid = [rate for rate in range(1, CONTROL_HZ + 1) if CONTROL_HZ % rate == 0]
     if fps not in valid:
         raise UserError(f"cannot record {fps} frames per second; valid: {', '.join(map(str, valid))}")
-    recorder = _Recorder(trial, CONTROL_HZ // fps)
+    recorder = _Recorder(trial, len(policy.contract.joints), CONTROL_HZ // fps)
     run_trials(policy, recorder, num_slots=1, num_threads=1, on_step=recorder.watch, world=trial.world)
     return Recording(
         policy.name, load_robot(policy.contract.robot), trial, recorder.outcome, fps, recorder.timed_moments()
@@ -83,8 +83,10 @@ class _Recorder(TrialSource):
 
     outcome: Outcome
 
-    def __init__(self, trial: Trial, stride: int):
+    def __init__(self, trial: Trial, num_joints: int, stride: int):
+        self._trial = trial
         self._todo: list[Trial] = [trial]
+        _, self._begin = draws(trial, num_joints)
         self._stride = stride
         self._num_ticks = 0
         self._seen: list[tuple[int, Moment]] = []
@@ -101,8 +103,7 @@ class _Recorder(TrialSource):
         self._num_ticks += len(ticks)
 
     def timed_moments(self) -> tuple[Moment, ...]:
-        # The outcome counts its seconds from the tick at which the push began.
-        begin = self._num_ticks - round(self.outcome.seconds * CONTROL_HZ)
+        begin = self._begin + round(min(push.start for push in self._trial.pushes) * CONTROL_HZ)
         return tuple(dataclasses.replace(moment, time=(tick - begin) * CONTROL_DT) for tick, moment in self._seen)
 
 
@@ -187,7 +188,7 @@ def frames(
         raise UserError(f"fps and speed must be positive, not {fps:g} and {speed:g}")
     times, step = recording.times, speed / fps
     last = min(end, times[-1])
-    with Scene(recording.robot, *size) as scene:
+    with Scene(recording.robot, *size, recording.trial.world) as scene:
         for time in np.arange(max(begin, times[0]), last + 1e-9, step):
             yield np.array(_stamped(scene, recording, recording.at(time)))
         ending = np.array(_stamped(scene, recording, recording.at(last), verdict=last == times[-1]))
@@ -275,7 +276,7 @@ def _checked(path: str | Path, valid: tuple[str, ...]) -> Path:
 
 def _strip_pictures(recording: Recording, times: Sequence[float], size: tuple[int, int]) -> Iterator[Image.Image]:
     outcome, last = recording.outcome, recording.times[-1]
-    with Scene(recording.robot, *size) as scene:
+    with Scene(recording.robot, *size, recording.trial.world) as scene:
         for time in times:
             is_over = time > last + 1e-9
             picture = Image.fromarray(draw_moment(scene, recording.trial, recording.at(time)))

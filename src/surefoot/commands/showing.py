@@ -62,7 +62,7 @@ class Demo:
 
     minutes: float = 3.0
     """Time for learning."""
-    algorithm: str = "trpo"
+    algorithm: str = "ddpg"
     """trpo, ppo or ddpg."""
     out: Path = Path("runs/demo")
     """Folder for the run, its results and its pictures."""
@@ -74,7 +74,7 @@ class Demo:
         if mark.exists():  # an earlier demo's folder; nothing else is ever removed
             for file in self.out.iterdir():
                 file.unlink()
-        Train(algorithm=self.algorithm, preset="gentle", run=self.out, minutes=self.minutes, seed=self.seed).main()
+        Train(algorithm=self.algorithm, preset="fast", run=self.out, minutes=self.minutes, seed=self.seed).main()
         mark.touch()
         pushes = chosen_scenarios("pelvis", 4)
         evaluate_policy(str(self.out), pushes, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
@@ -89,7 +89,7 @@ class Pictures:
     """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
     curves: Path = Path("results/curves")
     """Folder with learning curves: ALGORITHM-SEED.csv, or the curve.csv of one run."""
-    policy: str = "trpo"
+    policy: str = "best"
     """The policy of the film strip, as for `surefoot evaluate`; it must be among the thresholds."""
     out: Path = Path("docs/pictures")
     """Folder for the pictures."""

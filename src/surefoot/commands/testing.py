@@ -163,7 +163,7 @@ def evaluate_policy(
     name: str, scenarios: Sequence[Scenario], path: Path, output: Console, export: Path | None = None
 ) -> dict[str, float]:
     """Run, print and keep some scenarios of one policy; returns its flat figures."""
-    from surefoot import figures, tables
+    from surefoot import figures, goals, tables
     from surefoot.controllers import Contestant, load_entrant
     from surefoot.controllers.timing import measure, timing_figures, timing_table
     from surefoot.evaluation import run_scenarios
@@ -188,7 +188,8 @@ def evaluate_policy(
         fixed = results.fixed_outcomes(policy.name)
         found = figures.flat_figures(thresholds, fixed, results.audit(policy), robot, pose, wall_s)
     steps = tables.median_steps(thresholds, store)
-    for table in tables.all_tables(policy, thresholds, fixed, steps, robot):
+    lines = goals.goals_table(policy.name, policy.contract.training.get("algorithm", ""), found)
+    for table in (*tables.all_tables(policy, thresholds, fixed, steps, robot), lines):
         output.print(table.rich())
     if timing:
         output.print(timing_table({policy.name: timing}).rich())

@@ -1,4 +1,4 @@
-"""What a training run is told: three named presets, `paper`, `fast` and `gentle`, for each algorithm."""
+"""What a training run is told: three named presets, `paper`, `fast` and `wide`, for each algorithm."""
 
 from __future__ import annotations
 
@@ -32,11 +32,12 @@ class TrainConfig:
         num_envs: robots in the batch.
         actor, critic: hidden layers.
         hyper: keyword arguments of the algorithm in stable-baselines3.
-        final_learning_rate: share of the learning rate left at the end; it falls linearly.
+        final_learning_rate: share of the learning rate left at the end.
+        fade_from: share of the training after which learning rate and exploration fall, linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
         noise: standard deviation of the calmest and the boldest robot's exploration (DDPG).
-        noise_correlation: of that exploration from one policy step to the next.
-        final_noise: share of the exploration left at the end; it falls linearly (TRPO, PPO: the largest deviation).
+        noise_correlation: of the exploration from one policy step to the next.
+        final_noise: share of the exploration left at the end (TRPO, PPO: of the largest deviation).
         average_steps: policy steps over which the actor's weights are averaged to give the policy that is probed and
             kept; 0 for the newest weights. Learning goes on from the newest ones.
         mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
@@ -53,6 +54,7 @@ class TrainConfig:
     critic: tuple[int, ...] = LAYERS
     hyper: dict[str, Any] = field(default_factory=dict)
     final_learning_rate: float = 1.0
+    fade_from: float = 0.0
     log_std: float = 0.0
     noise: tuple[float, float] = (0.1, 0.1)
     noise_correlation: float = 0.0
@@ -120,13 +122,8 @@ _PAPER = {
 _FAST_ENV = EnvConfig(
     pose="bent",
     action_scale=0.6,
-    power_weight=((0.0, 3e-4), (0.6, 3e-4), (0.9, 1e-3)),
-    disturbance=DisturbanceConfig(impulse=(40.0, 240.0), first=(0.4, 3.4), interval=(2.4, 4.4), curriculum=0.6),
-)
-# Off-policy learning needs no curriculum, and is worth longer calm between the pushes.
-_FAST_DDPG_ENV = dataclasses.replace(
-    _FAST_ENV,
-    power_weight=((0.0, 3e-4), (0.4, 3e-4), (0.8, 2e-3), (1.0, 3e-3)),
+    power_weight=((0.0, 1e-3), (0.5, 1e-3), (0.85, 6e-3), (1.0, 8e-3)),
+    power_knee=50.0,
     disturbance=DisturbanceConfig(impulse=(30.0, 300.0), first=(0.4, 3.4), interval=(2.4, 6.0)),
 )
 _FAST_ON_POLICY = {"n_steps": 32, "gamma": 0.97, "gae_lambda": 0.95}
@@ -142,6 +139,9 @@ _FAST = {
             "n_critic_updates": 2,
         },
         log_std=-0.8,
+        noise_correlation=0.5,
+        final_noise=0.35,
+        average_steps=60_000.0,
         mirror=True,
         env=_FAST_ENV,
     ),
@@ -149,12 +149,15 @@ _FAST = {
         algorithm="ppo",
         hyper={**_FAST_ON_POLICY, "batch_size": 2048, "n_epochs": 4, "learning_rate": 5e-4, "ent_coef": 0.001},
         log_std=-0.8,
+        noise_correlation=0.5,
+        final_noise=0.35,
+        average_steps=60_000.0,
         mirror=True,
         env=_FAST_ENV,
     ),
     "ddpg": TrainConfig(
         algorithm="ddpg",
-        minutes=20.0,
+        minutes=5.0,
         num_envs=128,
         critic=(256, 256),
         hyper={
@@ -164,30 +167,42 @@ _FAST = {
             "learning_starts": 6_000,
             "tau": 0.005,
             "gamma": 0.97,
+            "n_steps": 3,
             "train_freq": 1,
             "gradient_steps": 8,
         },
         final_learning_rate=0.1,
+        fade_from=0.6,
         noise=(0.02, 0.25),
         noise_correlation=0.85,
         final_noise=0.4,
         average_steps=40_000.0,
         mirror=True,
-        env=_FAST_DDPG_ENV,
+        env=_FAST_ENV,
     ),
 }
-# For a run of minutes that is to stand still at its end: small pushes, small noise, motion costs more. It learns to
-# stand firmly and few steps; `fast` needs longer to become quiet, and rejects more.
-_GENTLE_ENV = dataclasses.replace(
+# For half an hour: larger pushes, on every body, and drops; then standing still costs most.
+_WIDE_ENV = dataclasses.replace(
     _FAST_ENV,
-    power_weight=((0.0, 1e-3),),
-    disturbance=dataclasses.replace(_FAST_ENV.disturbance, impulse=(20.0, 120.0), curriculum=0.7),
+    action_scale=0.8,
+    power_weight=((0.0, 1e-3), (0.35, 1e-3), (0.6, 6e-3), (0.8, 1.2e-2)),
+    drop_height=(0.1, 1.6),
+    drop_share=0.1,
+    disturbance=dataclasses.replace(
+        _FAST_ENV.disturbance,
+        bodies=("pelvis",) * 4 + ("torso", "left_thigh", "right_thigh", "left_shank", "right_shank"),
+        impulse=(30.0, 420.0),
+        first=(0.2, 3.4),
+        interval=(2.4, 9.0),
+    ),
 )
-_GENTLE = {
-    name: dataclasses.replace(config, preset="gentle", log_std=-1.6, noise=(0.02, 0.2), env=_GENTLE_ENV)
+_WIDE = {
+    name: dataclasses.replace(
+        config, preset="wide", minutes=40.0, env=_WIDE_ENV, average_steps=200_000.0, fade_from=0.0, final_noise=0.3
+    )
     for name, config in _FAST.items()
 }
-PRESETS = {"paper": _PAPER, "fast": _FAST, "gentle": _GENTLE}
+PRESETS = {"paper": _PAPER, "fast": _FAST, "wide": _WIDE}
 
 
 def preset(name: str, algorithm: str) -> TrainConfig:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,12 @@ import numpy as np
 from surefoot.evaluation import DIRECTIONS, push_lines
 from surefoot.judge import Outcome
 from surefoot.policy import Policy
-from surefoot.scenarios import Line
-from surefoot.trials import Trial, run_list
+from surefoot.trials import run_list
 
 NUM_DIRECTIONS = 8
-SPACING = 5
-"""Cells of the grid from one probed impulse to the next: 30 Ns."""
-NUM_IMPULSES = 14
+SPACING = 6
+"""Cells of the grid from one probed impulse to the next: 36 Ns."""
+NUM_IMPULSES = 15
 CALM_CELL = 17
 """The whole trials that show how calmly a policy stands afterwards: 102 Ns in every direction."""
 CALM_POWER, CALM_DRIFT = 20.0, 0.01
@@ -50,17 +50,26 @@ class Probe:
         values = list(self.rejected.values())
         return self.recovered + (min(values) + float(np.mean(values))) / largest + self.calm
 
+    def record(self) -> dict[str, float]:
+        """For a policy's training record: what it is held to later."""
+        return {"recovered": round(self.recovered, 4), "calm": self.calm}
+
     def main_directions(self) -> dict[str, float]:
         """Rejected impulses forward, left, backward and right."""
         return {name: self.rejected[name] for name in DIRECTIONS}
 
 
-def probe(policy: Policy, num_threads: int = 0) -> Probe:
-    """Run the held-out trials: 8 directions x 14 impulses from 30 to 420 Ns, one trial each, and 8 whole ones."""
+def probe(policy: Policy, num_threads: int = 0, round: int = 0) -> Probe:
+    """Run the held-out trials: 8 directions x 15 impulses from 36 to 540 Ns, one trial each, and 8 whole ones.
+
+    Args:
+        round: which of many such sets of trials, that differ in their seeds.
+    """
     lines = push_lines(num_directions=NUM_DIRECTIONS)
-    trials = {(i, j): _trial(lines[i], i, j) for i in range(NUM_DIRECTIONS) for j in range(NUM_IMPULSES)}
-    seeds = range(FIRST_SEED + len(trials), FIRST_SEED + len(trials) + NUM_DIRECTIONS)
-    whole = [line.trial(CALM_CELL, seed, whole=True) for line, seed in zip(lines, seeds, strict=True)]
+    cells = [(i, j) for i in range(NUM_DIRECTIONS) for j in range(NUM_IMPULSES)]
+    seeds = itertools.count(FIRST_SEED + round * (len(cells) + NUM_DIRECTIONS))
+    trials = {(i, j): lines[i].trial((j + 1) * SPACING, next(seeds), whole=False) for i, j in cells}
+    whole = [line.trial(CALM_CELL, next(seeds), whole=True) for line in lines]
     todo = [*whole, *trials.values()]
     outcomes = run_list(policy, todo, num_slots=len(todo), num_threads=num_threads)
     pushed = [[outcomes[trials[i, j]] for j in range(NUM_IMPULSES)] for i in range(NUM_DIRECTIONS)]
@@ -78,7 +87,3 @@ def probe(policy: Policy, num_threads: int = 0) -> Probe:
 
 def _is_calm(outcome: Outcome) -> bool:
     return outcome.calm_power < CALM_POWER and outcome.calm_drift < CALM_DRIFT and outcome.calm_steps == 0
-
-
-def _trial(line: Line, direction: int, impulse: int) -> Trial:
-    return line.trial((impulse + 1) * SPACING, FIRST_SEED + direction * NUM_IMPULSES + impulse, whole=False)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from stable_baselines3 import DDPG, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBufferSamples
 from stable_baselines3.common.noise import VectorizedActionNoise
-from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.policies import ActorCriticPolicy, ContinuousCritic
 from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.td3.policies import Actor, TD3Policy
@@ -51,9 +52,14 @@ class SB3VecEnv(VecEnv):
 
     Args:
         env: whose robots are to be used.
+
+    Attributes:
+        meanwhile: if set, what the learner does while the robots move.
     """
 
     def __init__(self, env: PushRecoveryVectorEnv):
+        self.meanwhile: Callable[[], None] | None = None
+        self._mover = ThreadPoolExecutor(1)
         self.env = env  # SB3's constructor asks it for its render mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.normalise = Normalisation(env)
@@ -69,10 +75,17 @@ class SB3VecEnv(VecEnv):
         return self.normalise(observations)
 
     def step_async(self, actions: np.ndarray) -> None:
-        self._actions = actions
+        if self.meanwhile:
+            self._moving = self._mover.submit(self.env.step, actions)
+        else:
+            self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict]]:
-        observations, rewards, terminated, truncated, info = self.env.step(self._actions)
+        if self.meanwhile:
+            self.meanwhile()
+            observations, rewards, terminated, truncated, info = self._moving.result()
+        else:
+            observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         done = terminated | truncated
         self._return += rewards
         self._length += 1
@@ -91,7 +104,7 @@ class SB3VecEnv(VecEnv):
         return self.normalise(observations), rewards.astype(np.float32), done, infos
 
     def close(self) -> None:
-        """Nothing to release."""
+        self._mover.shutdown()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
@@ -159,11 +172,31 @@ class GaussianPolicy(ActorCriticPolicy):
     Args:
         mirrors: of the observation and of the action; if given, both networks are made symmetric. The other
             arguments are those of SB3's policy.
+        correlation: of the exploration from one policy step to the next (Hollenstein et al. 2024): the updates take
+            the noise for white all the same.
     """
 
-    def __init__(self, *args: Any, mirrors: tuple[Mirror, Mirror] | None = None, **kwargs: Any):
+    def __init__(
+        self, *args: Any, mirrors: tuple[Mirror, Mirror] | None = None, correlation: float = 0.0, **kwargs: Any
+    ):
         self._mirrors = mirrors
+        self._correlation = correlation
+        self._noise: torch.Tensor | None = None
         super().__init__(*args, **kwargs)
+
+    def forward(
+        self, obs: torch.Tensor, deterministic: bool = False
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        if deterministic or not self._correlation:
+            return super().forward(obs, deterministic)
+        mean, values = self.mlp_extractor(self.extract_features(obs))
+        distribution = self._get_action_dist_from_latent(mean)
+        fresh = torch.randn_like(mean)
+        if self._noise is None or self._noise.shape != mean.shape:
+            self._noise = fresh
+        self._noise = self._correlation * self._noise + np.sqrt(1.0 - self._correlation**2) * fresh
+        actions = mean + self.log_std.exp() * self._noise
+        return actions, values, distribution.log_prob(actions)
 
     def _build(self, lr_schedule: Any) -> None:
         super()._build(lr_schedule)
@@ -200,15 +233,16 @@ class DeterministicPolicy(TD3Policy):
         return actor
 
 
-class SmoothDDPG(DDPG):
-    """DDPG that begins with its own first policy instead of random actions, and likes smooth actors.
+class BatchDDPG(DDPG):
+    """DDPG for a batch of robots that learns while they move, and that can be asked for a smooth actor.
 
-    Conditioning for action policy smoothness, Mysore et al. 2021: the actor's loss grows with the squared change of
-    the action from one policy step to the next, and with its change under a little noise on the observation. It is
-    steep actors that rock and step on the spot.
+    It begins with its own first policy instead of random actions. The gradient steps after a policy step wait for
+    the next one: its actions are chosen before them, so that nothing depends on which is done first.
 
     Args:
-        smoothness: weight of both; 0 for plain DDPG.
+        smoothness: conditioning for action policy smoothness, Mysore et al. 2021: weight in the actor's loss of the
+            action's squared change from one policy step to the next, and of its change under a little noise on the
+            observation. 0 for plain DDPG.
     """
 
     NEARBY = 0.1
@@ -217,21 +251,28 @@ class SmoothDDPG(DDPG):
     def __init__(self, *args: Any, smoothness: float = 0.0, **kwargs: Any):
         super().__init__(*args, **kwargs)
         self.smoothness = smoothness
+        self._owed = (0, 0)
+        if isinstance(self.env, SB3VecEnv):
+            self.env.meanwhile = self._learn_meanwhile
 
     def _sample_action(self, learning_starts: int, *args: Any, **kwargs: Any) -> tuple[np.ndarray, np.ndarray]:
         return super()._sample_action(0, *args, **kwargs)
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
-        if not self.smoothness:
-            super().train(gradient_steps, batch_size)
+        self._owed = (gradient_steps, batch_size)
+
+    def _learn_meanwhile(self) -> None:
+        gradient_steps, batch_size = self._owed
+        self._owed = (0, 0)
+        if not gradient_steps:
             return
         self.policy.set_training_mode(True)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
         assert self.replay_buffer is not None
         for _ in range(gradient_steps):
             batch = self.replay_buffer.sample(batch_size)
-            self._descend(self.critic.optimizer, self._critic_loss(batch))
-            self._descend(self.actor.optimizer, self._actor_loss(batch))
+            _descend(self.critic, self._critic_loss(batch))
+            _descend(self.actor, self._actor_loss(batch))
             polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
             polyak_update(self.actor.parameters(), self.actor_target.parameters(), self.tau)
         self._n_updates += gradient_steps
@@ -245,17 +286,19 @@ class SmoothDDPG(DDPG):
         return nn.functional.mse_loss(estimate, target)
 
     def _actor_loss(self, batch: ReplayBufferSamples) -> torch.Tensor:
+        if not self.smoothness:
+            return -self.critic.q1_forward(batch.observations, self.actor(batch.observations)).mean()
         nearby = batch.observations + self.NEARBY * torch.randn_like(batch.observations)
         action, later, other = self.actor(torch.cat([batch.observations, batch.next_observations, nearby])).chunk(3)
         later = torch.where(batch.dones > 0, action, later)
         change = ((action - later) ** 2).sum(dim=1) + ((action - other) ** 2).sum(dim=1)
         return (self.smoothness * change - self.critic.q1_forward(batch.observations, action)[:, 0]).mean()
 
-    @staticmethod
-    def _descend(optimizer: torch.optim.Optimizer, loss: torch.Tensor) -> None:
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
+
+def _descend(network: Actor | ContinuousCritic, loss: torch.Tensor) -> None:
+    network.optimizer.zero_grad()
+    loss.backward(inputs=list(network.parameters()))  # not through the critic's weights for the actor's sake
+    network.optimizer.step()
 
 
 class ExplorationNoise(VectorizedActionNoise):
@@ -377,4 +420,4 @@ def _unfold(layers: Layers, for_observation: Mirror, for_action: Mirror) -> Laye
     return wide
 
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": SmoothDDPG}
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": BatchDDPG}

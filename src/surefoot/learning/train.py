@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import os
+import platform
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -36,7 +39,7 @@ from surefoot.learning.sb3 import (
     actor_layers,
     limit_exploration,
 )
-from surefoot.policy import Contract, NetworkPolicy, network_bytes
+from surefoot.policy import Contract, NetworkPolicy, network_bytes, with_record
 
 PROBE_S = 30.0
 """Time from one probe and checkpoint to the next."""
@@ -132,7 +135,7 @@ class Trainer:
     def advance(self) -> None:
         """Between two rollouts: what changes with the share of the training done, and the averaged actor."""
         config = self.config
-        limit_exploration(self.model, config.log_std, 1.0 - (1.0 - config.final_noise) * self.progress.share)
+        limit_exploration(self.model, config.log_std, self._faded(config.final_noise))
         if config.average_steps:
             steps = self.model.num_timesteps - self._averaged_steps
             over = min(config.average_steps, AVERAGED_SHARE * self.model.num_timesteps)
@@ -147,6 +150,7 @@ class Trainer:
         self.clock()
         data = self.policy_bytes()
         found = self.progress.probe = probe(NetworkPolicy(data, "probe"))
+        data = with_record(data, probe=found.record())
         self.folder.save_policy("last", data)
         if found.score > self.best_score:
             self.best_score = found.score
@@ -176,7 +180,9 @@ class Trainer:
             "policy_steps": p.steps,
             "minutes": round(p.seconds / 60.0, 2),
             "cores": os.cpu_count(),
+            "machine": platform.machine(),
             "surefoot": surefoot.__version__,
+            "commit": _commit(),
         }
 
     def _curve_row(self, found: Probe) -> dict[str, float]:
@@ -221,8 +227,12 @@ class Trainer:
         torch.set_rng_state(state["torch_generator"])
 
     def _learning_rate(self, _: float) -> float:
-        share = 1.0 - (1.0 - self.config.final_learning_rate) * self.progress.share
-        return self.config.hyper["learning_rate"] * share
+        return self.config.hyper["learning_rate"] * self._faded(self.config.final_learning_rate)
+
+    def _faded(self, final: float) -> float:
+        """What is left now of something of which `final` is left at the end."""
+        begin = self.config.fade_from
+        return 1.0 - (1.0 - final) * max(0.0, self.progress.share - begin) / (1.0 - begin)
 
 
 def make_model(
@@ -234,6 +244,7 @@ def make_model(
     robot = venv.env.robot
     mirrors = (observation.mirror(robot), observation.mirror_joints(robot)) if config.mirror else None
     if config.algorithm == "ddpg":
+        torch.set_num_threads(1)  # the other cores move the robots meanwhile
         networks: dict[str, Any] = {"net_arch": {"pi": list(config.actor), "qf": list(config.critic)}}
         if mirrors:
             hyper["replay_buffer_class"] = MirroredReplayBuffer
@@ -244,7 +255,7 @@ def make_model(
         )
         return ALGORITHMS["ddpg"](DeterministicPolicy, venv, policy_kwargs=networks, **hyper, **common)
     networks = {"net_arch": {"pi": list(config.actor), "vf": list(config.critic)}, "log_std_init": config.log_std}
-    networks["mirrors"] = mirrors
+    networks |= {"mirrors": mirrors, "correlation": config.noise_correlation}
     return ALGORITHMS[config.algorithm](GaussianPolicy, venv, policy_kwargs=networks, **hyper, **common)
 
 
@@ -293,6 +304,18 @@ class _Watch(BaseCallback):
         self.logger.dump(self.model.num_timesteps)
         if self.trainer.on_progress:
             self.trainer.on_progress(progress)
+
+
+@functools.cache
+def _commit() -> str | None:
+    """Of the checkout that this runs from; None for an installed package."""
+    folder = Path(surefoot.__file__).parent
+    command = ["git", "-C", str(folder), "describe", "--always", "--dirty"]
+    try:
+        told = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return told.stdout.strip()
 
 
 @contextlib.contextmanager

@@ -27,7 +27,7 @@ DIRECTIONS = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": -90.0}
 class Play:
     """Push the robot by hand, in a browser: opens a page on this machine and prints its address."""
 
-    policy: Annotated[str, tyro.conf.Positional] = "trpo"
+    policy: Annotated[str, tyro.conf.Positional] = "best"
     """A shipped policy's name, a policy file (.onnx), "nominal", or a run folder: its newest checkpoint is followed
     while it learns."""
     robots: int = 1
@@ -62,7 +62,7 @@ class Play:
 class _Shown:
     """Whose trial is shown, and which."""
 
-    policy: Annotated[str, tyro.conf.Positional] = "trpo"
+    policy: Annotated[str, tyro.conf.Positional] = "best"
     """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal"."""
     out: Path = Path("push")
     """The file."""
@@ -137,7 +137,7 @@ class Picture(_Shown):
         with console.status(f"drawing {self.out}"):
             recordings = [video.record(named_policy(self.policy), trial) for trial in trials]
             if len(recordings) == len(self.times) == 1:
-                with Scene(recordings[0].robot, *self.size) as scene:
+                with Scene(recordings[0].robot, *self.size, trials[0].world) as scene:
                     image = video.draw_moment(scene, trials[0], recordings[0].at(self.times[0]))
             else:
                 image = video.filmstrip(recordings, self.times, self.size)

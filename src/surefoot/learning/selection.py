@@ -1,0 +1,63 @@
+"""Selection: the best of several runs' policies, by more held-out trials than a training has time for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from surefoot.errors import UserError
+from surefoot.learning.probe import Probe, probe
+from surefoot.policy import SUFFIX, NetworkPolicy, with_record
+
+FIRST_ROUND = 1
+"""A training probes with round 0, by which its best policy was chosen already."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A policy of a run, and what held-out trials say of it."""
+
+    file: Path
+    probes: tuple[Probe, ...]
+
+    @property
+    def recovered(self) -> float:
+        return sum(probe.recovered for probe in self.probes) / len(self.probes)
+
+    @property
+    def calm(self) -> float:
+        return sum(probe.calm for probe in self.probes) / len(self.probes)
+
+    @property
+    def rejected(self) -> dict[str, float]:
+        """The largest impulse below which nothing failed in any probe, by direction name [Ns]."""
+        return {name: min(probe.rejected[name] for probe in self.probes) for name in self.probes[0].rejected}
+
+    @property
+    def score(self) -> float:
+        return sum(probe.score for probe in self.probes) / len(self.probes)
+
+
+def files(runs: Sequence[Path]) -> list[Path]:
+    """The best and the last policy of run folders; policy files stand for themselves.
+
+    Raises:
+        UserError: there is none.
+    """
+    found = [run / f"{name}{SUFFIX}" for run in runs if run.is_dir() for name in ("best", "last")]
+    found = [file for file in (*found, *(run for run in runs if not run.is_dir())) if file.exists()]
+    if not found:
+        raise UserError(f"no policies in {', '.join(map(str, runs))}")
+    return found
+
+
+def judge(file: Path, num_rounds: int) -> Candidate:
+    """Probe one policy with `num_rounds` sets of trials that its training has not seen."""
+    policy = NetworkPolicy(file.read_bytes(), file.stem, str(file))
+    return Candidate(file, tuple(probe(policy, round=FIRST_ROUND + i) for i in range(num_rounds)))
+
+
+def shipped_bytes(candidate: Candidate) -> bytes:
+    """The policy's file, with what each of its probes found in its training record."""
+    return with_record(candidate.file.read_bytes(), selection=[probe.record() for probe in candidate.probes])

@@ -1,0 +1,27 @@
+"""The policies that come with the package do what their training records say."""
+
+from __future__ import annotations
+
+import pytest
+
+from surefoot.learning.probe import probe
+from surefoot.learning.selection import FIRST_ROUND
+from surefoot.policy import load_policy, shipped_policies
+
+ROUNDING = 0.04
+"""Another processor rounds otherwise, and a trial near the edge may end otherwise: 5 of 120."""
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_a_shipped_policy_recovers_as_often_as_its_record_says(name: str) -> None:
+    policy = load_policy(name)
+    record = policy.contract.training["selection"][0]
+    found = probe(policy, round=FIRST_ROUND)
+    assert found.recovered >= record["recovered"] - ROUNDING
+    assert found.calm >= record["calm"] - 0.25
+
+
+@pytest.mark.parametrize("name", shipped_policies())
+def test_a_shipped_policy_says_where_it_comes_from(name: str) -> None:
+    training = load_policy(name).contract.training
+    assert {"algorithm", "preset", "seed", "policy_steps", "minutes", "cores", "machine", "commit"} <= set(training)
