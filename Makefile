@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install check test demo quick-demo bench results results-tables screenshots clean
+.PHONY: help install check test demo quick-demo bench results results-tables results-controllers screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
@@ -53,6 +53,13 @@ results-tables: $(READY)
 	$(BIN)/surefoot pictures --policy ddpg
 	$(MAKE) screenshots
 	$(BIN)/surefoot bench --json results/bench.json
+
+# What docs/controllers.md quotes: 20 minutes on two cores.
+CONTROLLERS := stand ankle hip wieber2006a wieber2006b stephens2010 urata2011
+results-controllers: $(READY)
+	for c in $(CONTROLLERS); do \
+	    $(BIN)/surefoot evaluate controllers/$$c --results runs/controllers.sqlite \
+	        --export-thresholds results/controllers.csv || exit 1; done
 
 # What docs/play.md and the README show of the live page; needs chromium.
 screenshots: $(READY)

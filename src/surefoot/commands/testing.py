@@ -76,8 +76,8 @@ class Replay:
     row: Annotated[int, tyro.conf.Positional]
     """Column `id` of its table `trials`; `surefoot evaluate --export` writes it out."""
     policy: str | None = None
-    """A shipped policy, a policy file or a run folder; without it, the policy is looked for by its digest among the
-    shipped ones and in runs/."""
+    """A shipped policy, a policy file, a run folder or a controller; without it, the policy is looked for by its digest
+    among the shipped ones and in runs/, a controller by its name."""
     video: Path | None = None
     """Film of the trial, .mp4 or .gif."""
     picture: Path | None = None
