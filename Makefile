@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install check test demo quick-demo bench results results-tables screenshots clean
+.PHONY: help install check test demo quick-demo bench results results-tables results-controllers screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
@@ -17,7 +17,7 @@ install: $(READY)
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("surefoot needs Python 3.11 or newer, this is " + sys.version) if sys.version_info < (3, 11) else 0'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[learn,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[learn,controllers,dev]'
 	touch $(READY)
 
 check: $(READY)
@@ -53,6 +53,13 @@ results-tables: $(READY)
 	$(BIN)/surefoot pictures --policy best
 	$(MAKE) screenshots
 	$(BIN)/surefoot bench --json results/bench.json
+
+# What docs/controllers.md quotes: 20 minutes on two cores.
+CONTROLLERS := stand ankle hip wieber2006a wieber2006b stephens2010 urata2011
+results-controllers: $(READY)
+	for c in $(CONTROLLERS); do \
+	    $(BIN)/surefoot evaluate controllers/$$c --results runs/controllers.sqlite \
+	        --export-thresholds results/controllers.csv || exit 1; done
 
 # What docs/play.md and the README show of the live page; needs chromium.
 screenshots: $(READY)

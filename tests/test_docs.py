@@ -7,6 +7,7 @@ import pytest
 
 from surefoot import figures, tables
 from surefoot.bench import run_bench
+from surefoot.controllers import shipped_controllers
 from surefoot.evaluation import DIRECTIONS, push_lines
 from surefoot.policy import load_policy, shipped_policies
 from surefoot.results import read_thresholds
@@ -22,6 +23,23 @@ def test_the_readmes_table_is_that_of_the_committed_thresholds() -> None:
     )
     assert block is not None
     assert block[1] == tables.table_1(read_thresholds(THRESHOLDS), load_robot()).markdown()
+
+
+def test_the_controllers_table_is_that_of_their_committed_thresholds() -> None:
+    page = (ROOT / "docs" / "controllers.md").read_text()
+    block = re.search(r"<!-- controllers: .*? -->\n(.*?)<!-- end of controllers -->", page, re.DOTALL)
+    assert block is not None
+    found = read_thresholds(ROOT / "results" / "controllers.csv")
+    assert block[1] == tables.table_1(found, load_robot()).markdown()
+    assert set(found) == set(shipped_controllers())
+
+
+def test_those_that_step_hold_more_than_those_that_stand() -> None:
+    found = read_thresholds(ROOT / "results" / "controllers.csv")
+    worst = {name: [tables.pelvis_pushes(rows)[d].size for d in DIRECTIONS] for name, rows in found.items()}
+    stepping = [worst.pop(f"controllers/{name}") for name in ("stephens2010", "urata2011")]
+    for sizes in stepping:
+        assert all(size > max(others) for size, others in zip(sizes, zip(*worst.values(), strict=True), strict=True))
 
 
 def test_every_shipped_policy_has_its_thresholds_and_its_curve() -> None:

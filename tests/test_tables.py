@@ -214,3 +214,18 @@ def test_a_small_real_run_fills_its_tables(robot: Robot, tmp_path) -> None:
     assert float(row_of(speed, "standing")["knee pitch"]) < 1.0
     assert float(row_of(saturation, "standing")["knee pitch"]) == 0.0
     assert float(row_of(saturation, "drop 055")["knee pitch"]) > 0.0
+
+
+def test_table_4_shows_what_is_rebuilt_below_what_is_quoted(robot: Robot) -> None:
+    thresholds = found("pelvis_push", (240.0, 126.0, 204.0, 120.0))
+    assert tables.has_table_4("controllers/urata2011", thresholds)
+    assert not tables.has_table_4("mine", thresholds)
+    rows = tables.table_4({"controllers/urata2011": thresholds}, robot).rows
+    quoted = next(i for i, row in enumerate(rows) if row[0] == "D Urata 2011")
+    assert [(row[0], row[3], row[4], row[6]) for row in rows[quoted : quoted + 3]] == [
+        ("D Urata 2011", "29.9", "0.56", "yes"),
+        # 204 / 137.29 and 120 / 137.29 Ns/kg, the worse sides.
+        ("  controllers/urata2011, sagittal", "204", "1.49", "yes"),
+        ("  controllers/urata2011, lateral", "120", "0.87", "yes"),
+    ]
+    assert len(rows) == len(paper.TABLE_4) + 2

@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from surefoot.controllers.protocol import Contestant
 from surefoot.policy import Policy
 from surefoot.scenarios import DIRECTIONS, Line, Scenario
 from surefoot.trials import NUM_SLOTS, Outcome, Trial, TrialSource, run_trials
@@ -69,7 +70,7 @@ def push_lines(num_directions: int = 4) -> list[Line]:
 
 
 def run_scenarios(
-    policy: Policy,
+    policy: Policy | Contestant,
     scenarios: Iterable[Scenario],
     store: Store | None = None,
     on_progress: OnProgress | None = None,
@@ -95,7 +96,7 @@ def run_scenarios(
 
 
 def find_thresholds(
-    policy: Policy,
+    policy: Policy | Contestant,
     lines: Sequence[Line],
     store: Store | None = None,
     on_progress: OnProgress | None = None,

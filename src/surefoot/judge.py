@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +36,8 @@ class Outcome:
 
     Attributes:
         recovered: by the one definition of success (`docs/method.md`).
-        reason: "recovered", "fell", "restless" (CoM too fast at the end), "tilted" or "diverged".
+        reason: "recovered", "fell", "restless" (CoM too fast at the end), "tilted" or "diverged"; or how its controller
+            failed: "raised", "not finite", "wrong shape" or "too late".
         seconds: from the beginning of the disturbance to the end of the trial; negative if that came before.
         foot_shift: farthest that a foot came from its place at the disturbance [m].
         com_speed: mean over the judged time [m/s]; NaN if the trial ended before.
@@ -136,13 +138,21 @@ class Judge:
         ):  # fmt: skip
             seen[ids] = 0
 
-    def update(self, ids: np.ndarray, ticks: Ticks, now: np.ndarray, diverged: np.ndarray) -> dict[int, Outcome]:
+    def update(
+        self,
+        ids: np.ndarray,
+        ticks: Ticks,
+        now: np.ndarray,
+        diverged: np.ndarray,
+        failed: Mapping[int, str] | None = None,
+    ) -> dict[int, Outcome]:
         """Take in a policy step of robots `ids` (n,).
 
         Args:
             ticks: (n, TICKS_PER_STEP, ...).
             now: ticks since each robot's reset at the end of the step (n,).
             diverged: bool (n,).
+            failed: robots whose controller has failed, and why.
 
         Returns:
             The outcomes of the trials that have just ended, by robot.
@@ -156,8 +166,13 @@ class Judge:
         fell = np.asarray((ticks.non_foot_contact & (tick < self.end[ids, None])).any(axis=1))
         quiet: np.ndarray = ~self._whole[ids] & self._is_quiet(ids)
         over = np.asarray(now >= self.end[ids])
-        ended = np.flatnonzero(fell | diverged | quiet | over)
-        return {int(ids[i]): self._verdict(ids[i], fell[i], diverged[i], over[i], int(now[i])) for i in ended}
+        failed = failed or {}
+        helpless = np.isin(ids, list(failed))
+        ended = np.flatnonzero(fell | diverged | quiet | over | helpless)
+        return {
+            robot: self._verdict(robot, failed.get(robot, ""), fell[i], diverged[i], over[i], int(now[i]))
+            for i, robot in zip(ended, ids[ended].tolist(), strict=True)
+        }
 
     def _watch_balance(self, ids: np.ndarray, ticks: Ticks, tick: np.ndarray) -> None:
         speed = np.linalg.norm(ticks.com_velocity, axis=-1)
@@ -197,9 +212,11 @@ class Judge:
         """Since the push's end, upright for `QUIET_S`, and over that time as slow on average as a recovered robot."""
         return (self._upright_steps[ids] >= _QUIET_STEPS) & (self._recent_speed[ids].mean(axis=1) < MAX_COM_SPEED)
 
-    def _verdict(self, robot: int, fell: bool, diverged: bool, over: bool, now: int) -> Outcome:
+    def _verdict(self, robot: int, failed: str, fell: bool, diverged: bool, over: bool, now: int) -> Outcome:
         com_speed = self._speed_sum[robot] / (JUDGED_S * CONTROL_HZ) if over else np.nan
-        if diverged:
+        if failed:
+            reason = failed
+        elif diverged:
             reason = "diverged"
         elif fell:
             reason = "fell"
@@ -212,7 +229,7 @@ class Judge:
         did = self._strategies.strategies(robot)
         calm_s = (self.end[robot] - self._calm[robot]) * CONTROL_DT
         calm_from = (self._calm[robot] - self.start[robot]) * CONTROL_DT
-        stood = over and not fell and not diverged and calm_s > 0
+        stood = over and not fell and not diverged and not failed and calm_s > 0
         torque, speed = self._torque_peak[robot], self._speed_peak[robot]
         return Outcome(
             recovered=reason == "recovered",

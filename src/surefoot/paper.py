@@ -91,6 +91,14 @@ TABLE_4 = {
     "G": StudyColumn("Yang 2018, lateral", "Valkyrie", 1.8, 1.1, 137.0, 650.0, 0.12, 78.0, 0.56, False, True),
 }
 
+REBUILT = {
+    "A": "controllers/wieber2006a",
+    "B": "controllers/wieber2006b",
+    "C": "controllers/stephens2010",
+    "D": "controllers/urata2011",
+}
+"""Columns of Table IV whose idea is rebuilt here, and the controller's name."""
+
 PEAK_GROUPS = ("torso_pitch", "hip_pitch", "hip_roll", "knee_pitch", "ankle_pitch", "ankle_roll")
 """Columns of Table V."""
 

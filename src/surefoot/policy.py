@@ -118,8 +118,8 @@ def _is_finite(value: object) -> bool:
     return isinstance(value, int | float) and math.isfinite(value)
 
 
-class Policy(Protocol):
-    """Anything that maps what a robot can measure to joint targets."""
+class Entrant(Protocol):
+    """Whoever enters the trials, a policy or a controller: by what results name it."""
 
     @property
     def name(self) -> str: ...
@@ -129,8 +129,12 @@ class Policy(Protocol):
 
     @property
     def digest(self) -> str:
-        """By which results name the policy: equal only for policies that act alike."""
+        """By which results name it: equal only for those that act alike."""
         ...
+
+
+class Policy(Entrant, Protocol):
+    """Anything that maps what a robot can measure to joint targets."""
 
     def reset(self, ids: np.ndarray) -> None:
         """Robots `ids` (n,) begin a trial: forget them."""

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from surefoot.controllers import PREFIX, Contestant, load_entrant
 from surefoot.errors import UserError
 from surefoot.judge import Outcome
 from surefoot.policy import SUFFIX, NetworkPolicy, NominalPolicy, Policy, load_policy, shipped_policies
@@ -21,25 +22,31 @@ RUNS = Path("runs")
 """Where a policy is looked for beside the package: `surefoot train` and `reproduce` write here."""
 
 
-def find_policy(name: str, digest: str, given: str | Path | None = None) -> Policy:
-    """The policy of this digest: the given one, or else among the shipped ones, the nominal pose and `runs/`.
+def find_policy(name: str, digest: str, given: str | Path | None = None) -> Policy | Contestant:
+    """The policy or controller of this digest: the given one, or else among the shipped ones, the nominal pose and
+    `runs/`.
 
     Args:
         name: what results call it, for errors.
-        given: a shipped policy's name, a policy file, or a run folder.
+        given: a shipped policy's name, a policy file, a run folder, or a controller's name.
 
     Raises:
         UserError: the given policy has another digest, or there is none of this digest.
     """
     if given is not None:
         folder = Path(given)
-        files = sorted(folder.glob(f"*{SUFFIX}")) if folder.is_dir() else [given]
-        loaded = [load_policy(file) for file in files] or [load_policy(given)]
+        files = sorted(map(str, folder.glob(f"*{SUFFIX}"))) if folder.is_dir() else [str(given)]
+        loaded = [load_entrant(file) for file in files] or [load_policy(given)]
         for policy in loaded:
             if policy.digest == digest:
                 return policy
         found = ", ".join(policy.digest[:12] for policy in loaded)
         raise UserError(f"{given} is another policy: its digest is {found}, that of '{name}' is {digest[:12]}")
+    if name.startswith(PREFIX):
+        controller = load_entrant(name)
+        if controller.digest == digest:
+            return controller
+        raise UserError(f"{name} was another one: its digest was {digest[:12]}, now it is {controller.digest[:12]}")
     for pose in load_robot().poses:
         nominal = NominalPolicy(pose=pose)
         if nominal.digest == digest:
@@ -71,7 +78,7 @@ def check_setup(setup: str, robot: str, what: str) -> None:
         )
 
 
-def replay(row: Row, policy: Policy) -> Outcome:
+def replay(row: Row, policy: Policy | Contestant) -> Outcome:
     """Run the row's trial again, alone; it had up to 191 neighbours."""
     trial = row.trial
     return run_list(policy, [trial], num_slots=1, num_threads=1, world=trial.world)[trial]

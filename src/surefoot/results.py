@@ -14,7 +14,7 @@ import math
 import sqlite3
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -25,11 +25,12 @@ import mujoco
 import surefoot
 from surefoot import judge, strategies, trials
 from surefoot.control import Imperfections
+from surefoot.controllers.step_times import Timing
 from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
 from surefoot.evaluation import Line, Threshold
 from surefoot.judge import Outcome
-from surefoot.policy import Policy
+from surefoot.policy import Entrant
 from surefoot.robot import World, load_robot
 from surefoot.scenarios import Scenario, from_json
 from surefoot.trials import Trial
@@ -66,6 +67,9 @@ CREATE TABLE IF NOT EXISTS thresholds (
     size REAL NOT NULL, unit TEXT NOT NULL, trials INTEGER NOT NULL, recovered INTEGER NOT NULL, low REAL NOT NULL,
     high REAL NOT NULL, limited_by TEXT NOT NULL, definition TEXT NOT NULL,
     UNIQUE (policy, setup, scenario, direction)
+);
+CREATE TABLE IF NOT EXISTS controllers (
+    policy TEXT NOT NULL, setup TEXT NOT NULL, timing TEXT NOT NULL, UNIQUE (policy, setup)
 );
 """
 
@@ -144,13 +148,13 @@ class Results:
         self._db.commit()
         self._db.close()
 
-    def trials_of(self, policy: Policy) -> TrialStore:
+    def trials_of(self, policy: Entrant) -> TrialStore:
         """The policy's trials, as the evaluation's store."""
         row = (policy.digest, policy.name, policy.contract.to_json())
         self._db.execute("INSERT OR REPLACE INTO policies VALUES (?, ?, ?)", row)
         return TrialStore(self._db, policy.digest, setup_digest(policy.contract.robot))
 
-    def add_thresholds(self, policy: Policy, thresholds: Iterable[Threshold]) -> None:
+    def add_thresholds(self, policy: Entrant, thresholds: Iterable[Threshold]) -> None:
         """Keep what was found, in place of what was found before along the same lines."""
         key = (policy.digest, setup_digest(policy.contract.robot))
         rows = [
@@ -163,12 +167,23 @@ class Results:
         self._db.executemany(f"INSERT OR REPLACE INTO thresholds VALUES ({', '.join('?' * 13)})", rows)
         self._db.commit()
 
-    def add_scenarios(self, policy: Policy, scenarios: Iterable[Scenario], wall_s: float) -> None:
+    def add_scenarios(self, policy: Entrant, scenarios: Iterable[Scenario], wall_s: float) -> None:
         """Note that these have been run to their end, in so many seconds altogether."""
         key = (policy.digest, setup_digest(policy.contract.robot))
         rows = [(*key, scenario.name, _definition(scenario), wall_s) for scenario in scenarios]
         self._db.executemany("INSERT OR REPLACE INTO scenarios VALUES (?, ?, ?, ?, ?)", rows)
         self._db.commit()
+
+    def add_timing(self, policy: Entrant, timing: Timing) -> None:
+        """Keep how long a controller's steps took, in place of what was kept before."""
+        key = (policy.digest, setup_digest(policy.contract.robot))
+        self._db.execute("INSERT OR REPLACE INTO controllers VALUES (?, ?, ?)", (*key, json.dumps(asdict(timing))))
+        self._db.commit()
+
+    def timing(self, key: Key) -> Timing | None:
+        """A controller's times per control step; None for policies."""
+        row = self._db.execute("SELECT timing FROM controllers WHERE policy = ? AND setup = ?", key).fetchone()
+        return Timing(**json.loads(row[0])) if row else None
 
     def policies(self) -> dict[str, tuple[str, str]]:
         """Name -> (digest, contract as JSON) of every policy in the table."""
@@ -215,7 +230,7 @@ class Results:
         """Rows of a SELECT, for reports."""
         return _as_dicts(self._db.execute(sql, values))
 
-    def audit(self, policy: Policy) -> tuple[float, float]:
+    def audit(self, policy: Entrant) -> tuple[float, float]:
         """Largest share of a torque and of a speed limit that any of the policy's trials used."""
         return self._db.execute(
             "SELECT max(torque_ratio), max(speed_ratio) FROM trials WHERE policy = ? AND setup = ?",

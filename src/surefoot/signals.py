@@ -83,7 +83,7 @@ class Delay:
     """Holds back the targets of `num_robots` robots, each by a number of ticks of its own.
 
     Args:
-        block: ticks per call, and the longest delay.
+        block: the longest delay, and the most ticks per call.
         size: numbers per tick.
     """
 
@@ -97,13 +97,13 @@ class Delay:
         self._last[robot] = value
 
     def __call__(self, ids: np.ndarray, signal: np.ndarray) -> np.ndarray:
-        """Delayed signals (n, block, size) of robots `ids` (n,)."""
+        """Delayed signals (n, num_ticks, size) of robots `ids` (n,)."""
         if not self._ticks[ids].any():
             return signal
         both = np.concatenate([self._last[ids], signal], axis=1)
-        self._last[ids] = signal
-        num_ticks = signal.shape[1]
-        when = num_ticks + np.arange(num_ticks) - self._ticks[ids, None]
+        longest, num_ticks = self._last.shape[1], signal.shape[1]
+        self._last[ids] = both[:, -longest:]
+        when = longest + np.arange(num_ticks) - self._ticks[ids, None]
         return np.take_along_axis(both, when[..., None], axis=1)
 
 

@@ -364,6 +364,26 @@ class Simulation:
         )
         return record
 
+    def advance_some(self, ids: np.ndarray, ticks: slice) -> np.ndarray:
+        """Some of the ticks of a step of robots `ids` (n,): their record (n, num_ticks, num_sensor_values).
+
+        `diverged` is then about these ticks.
+        """
+        control = self._control[ids, ticks]
+        record = np.empty((*control.shape[:2], self.model.nsensordata))
+        if self._num_substeps > 1:
+            self._advance_finely(control, record, ids)
+        else:
+            self.batch.rollout(
+                control.shape[1], control, _CONTROL_SPEC, record=["sensordata"], ids=ids, out={"sensordata": record}
+            )
+        self._find_diverged(record, ids)
+        return record
+
+    def record(self, num_robots: int) -> np.ndarray:
+        """A step's record for so many robots, (num_robots, TICKS_PER_STEP, num_sensor_values); every step has it."""
+        return self._record[:num_robots]
+
     def _advance_finely(self, control: np.ndarray, record: np.ndarray, ids: np.ndarray | None) -> np.ndarray:
         fine = np.repeat(control, self._num_substeps, axis=1)
         all_substeps = self.batch.rollout(fine.shape[1], fine, _CONTROL_SPEC, record=["sensordata"], ids=ids)

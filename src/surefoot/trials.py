@@ -1,4 +1,4 @@
-"""Trials: one policy, one robot, one disturbance, one verdict; thousands of them as one batch.
+"""Trials: one policy or controller, one robot, one disturbance, one verdict; thousands of them as one batch.
 
 The batch never waits for its slowest robot: a finished robot's place is taken by the next trial.
 """
@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.control import PERFECT, ControlLoop, Imperfections
+from surefoot.controllers.loop import ControllerLoop
+from surefoot.controllers.protocol import Contestant
 from surefoot.disturbance import Drop, Push, Pushes
 from surefoot.errors import UserError
 from surefoot.judge import CALM_FROM_S, HORIZON_S, Judge, Outcome
@@ -91,7 +93,7 @@ class _List(TrialSource):
         self.outcomes[trial] = outcome
 
 
-def run_list(policy: Policy, trials: Iterable[Trial], **options) -> dict[Trial, Outcome]:
+def run_list(policy: Policy | Contestant, trials: Iterable[Trial], **options) -> dict[Trial, Outcome]:
     """Run different trials, in any order; options are those of `run_trials`."""
     source = _List(trials)
     run_trials(policy, source, **options)
@@ -99,7 +101,7 @@ def run_list(policy: Policy, trials: Iterable[Trial], **options) -> dict[Trial, 
 
 
 def run_trials(
-    policy: Policy,
+    policy: Policy | Contestant,
     source: TrialSource,
     num_slots: int = NUM_SLOTS,
     num_threads: int = 0,
@@ -134,13 +136,16 @@ def run_trials(
 class _Arena:
     """The slots: which trial each robot is in."""
 
-    def __init__(self, policy: Policy, num_slots: int, num_threads: int, world: World):
+    def __init__(self, policy: Policy | Contestant, num_slots: int, num_threads: int, world: World):
         contract = policy.contract
         self.policy = policy
         self.world = world
         self.robot: Robot = load_robot(contract.robot)
-        nominal = np.array(contract.nominal_pose)
-        self.loop = ControlLoop(self.robot, num_slots, nominal, contract.action_scale, num_threads, world)
+        if isinstance(policy, Contestant):
+            self.loop: ControlLoop = ControllerLoop(policy, self.robot, num_slots, num_threads, world)
+        else:
+            nominal = np.array(contract.nominal_pose)
+            self.loop = ControlLoop(self.robot, num_slots, nominal, contract.action_scale, num_threads, world)
         self.judge = Judge(self.robot, num_slots, world.motor_strength)
         self.trial: list[Trial | None] = [None] * num_slots
         self._arms: dict[tuple[str, float], float] = {}
@@ -171,9 +176,18 @@ class _Arena:
                 source.drop(self.finish(slot))
 
     def step(self, slots: np.ndarray) -> tuple[Ticks, dict[int, Outcome]]:
+        ticks, failed = self._advance(slots)
+        diverged = self.loop.simulation.diverged[slots]
+        return ticks, self.judge.update(slots, ticks, self.loop.tick[slots], diverged, failed)
+
+    def _advance(self, slots: np.ndarray) -> tuple[Ticks, dict[int, str]]:
+        """One policy step, and why the controllers of which robots have failed."""
+        if isinstance(self.loop, ControllerLoop):
+            return self.loop.drive(slots), self.loop.failed
+        assert not isinstance(self.policy, Contestant)
         everyone = len(slots) == len(self.trial)  # then nothing is copied
-        ticks = self.loop.step(self.policy(self.loop.observe(slots), slots), None if everyone else slots)
-        return ticks, self.judge.update(slots, ticks, self.loop.tick[slots], self.loop.simulation.diverged[slots])
+        actions = self.policy(self.loop.observe(slots), slots)
+        return self.loop.step(actions, None if everyone else slots), {}
 
     def _begin(self, slots: np.ndarray, trials: list[Trial]) -> None:
         if any(trial.world != self.world for trial in trials):
@@ -187,7 +201,11 @@ class _Arena:
             roll=np.array([drop.roll for drop in drops]),
             pitch=np.array([drop.pitch for drop in drops]),
         )
-        self.policy.reset(slots)
+        if isinstance(self.policy, Contestant):
+            assert isinstance(self.loop, ControllerLoop)
+            self.loop.begin(slots)
+        else:
+            self.policy.reset(slots)
         begin = np.array(begins)
         for slot, trial, tick in zip(slots.tolist(), trials, begin.tolist(), strict=True):
             self.loop.spoil(slot, trial.imperfections, trial.seed)

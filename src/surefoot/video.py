@@ -15,6 +15,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from surefoot.controllers.protocol import Contestant
 from surefoot.disturbance import Push
 from surefoot.errors import UserError
 from surefoot.policy import Policy
@@ -58,7 +59,7 @@ class Recording:
         return self.moments[min(int(np.searchsorted(self.times, time - 1e-9)), len(self.moments) - 1)]
 
 
-def record(policy: Policy, trial: Trial, fps: int = 50) -> Recording:
+def record(policy: Policy | Contestant, trial: Trial, fps: int = 50) -> Recording:
     """Run one trial and keep what a picture shows of it.
 
     Args:

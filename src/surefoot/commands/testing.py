@@ -17,6 +17,7 @@ from surefoot.commands.terminal import check_positive, console, evaluation_bar, 
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
+    from surefoot.controllers import Contestant
     from surefoot.policy import Policy
     from surefoot.scenarios import Scenario
     from surefoot.trials import Trial
@@ -28,7 +29,8 @@ class Evaluate:
 
     policy: Annotated[str, tyro.conf.Positional]
     """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal": the nominal pose held by the joint
-    impedance alone."""
+    impedance alone. A controller: controllers/NAME (docs/controllers.md), or FILE.py:CLASS of your own
+    (docs/your-controller.md)."""
     suite: str = "pelvis"
     """pelvis (pushes at the pelvis), paper (everything that the paper tests), robustness (beyond the paper), or a
     scenario file (.toml, docs/scenarios.md)."""
@@ -74,8 +76,8 @@ class Replay:
     row: Annotated[int, tyro.conf.Positional]
     """Column `id` of its table `trials`; `surefoot evaluate --export` writes it out."""
     policy: str | None = None
-    """A shipped policy, a policy file or a run folder; without it, the policy is looked for by its digest among the
-    shipped ones and in runs/."""
+    """A shipped policy, a policy file, a run folder or a controller; without it, the policy is looked for by its digest
+    among the shipped ones and in runs/, a controller by its name."""
     video: Path | None = None
     """Film of the trial, .mp4 or .gif."""
     picture: Path | None = None
@@ -100,7 +102,7 @@ class Replay:
         if found:
             sys.exit(1)
 
-    def _show(self, policy: Policy, trial: Trial, output: Console) -> None:
+    def _show(self, policy: Policy | Contestant, trial: Trial, output: Console) -> None:
         if not (self.video or self.picture):
             return
         from surefoot import video
@@ -162,12 +164,13 @@ def evaluate_policy(
 ) -> dict[str, float]:
     """Run, print and keep some scenarios of one policy; returns its flat figures."""
     from surefoot import figures, goals, tables
+    from surefoot.controllers import Contestant, load_entrant
+    from surefoot.controllers.timing import measure, timing_figures, timing_table
     from surefoot.evaluation import run_scenarios
-    from surefoot.policy import NominalPolicy, load_policy
-    from surefoot.results import Results
+    from surefoot.results import Results, setup_digest
     from surefoot.robot import load_robot
 
-    policy = NominalPolicy() if name == "nominal" else load_policy(name)
+    policy = load_entrant(name)
     robot, pose = load_robot(policy.contract.robot), np.array(policy.contract.nominal_pose)
     began = time.monotonic()
     with Results(path) as results:
@@ -177,6 +180,9 @@ def evaluate_policy(
         wall_s = time.monotonic() - began
         results.add_thresholds(policy, thresholds)
         results.add_scenarios(policy, scenarios, wall_s)
+        if isinstance(policy, Contestant) and policy.times.num_steps:
+            results.add_timing(policy, measure(policy))
+        timing = results.timing((policy.digest, setup_digest(robot.name)))
         if export:
             results.export("thresholds", export)
         fixed = results.fixed_outcomes(policy.name)
@@ -185,6 +191,9 @@ def evaluate_policy(
     lines = goals.goals_table(policy.name, policy.contract.training.get("algorithm", ""), found)
     for table in (*tables.all_tables(policy, thresholds, fixed, steps, robot), lines):
         output.print(table.rich())
+    if timing:
+        output.print(timing_table({policy.name: timing}).rich())
+        found |= timing_figures(timing)
     return found
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from surefoot import paper, tables
+from surefoot.controllers.timing import timing_table
 from surefoot.evaluation import Threshold
 from surefoot.figures import share_kept
 from surefoot.report.read import Evaluation
@@ -24,10 +25,9 @@ def side_by_side(evaluations: Sequence[Evaluation]) -> list[Table]:
         found.append(tables.table_1(main, evaluations[0].robot))
     if len(evaluations) > 1:
         found.append(seeds_table(evaluations))
-    no_step = {
-        name: thresholds for name, thresholds in main.items() if "pelvis_push_no_step" in by_scenario(thresholds)
-    }
-    found += [tables.table_4(no_step, evaluations[0].robot), tables.published_table()]
+    studied = {name: thresholds for name, thresholds in main.items() if tables.has_table_4(name, thresholds)}
+    found += [tables.table_4(studied, evaluations[0].robot), tables.published_table()]
+    found.append(timing_table({e.name: e.timing for e in evaluations if e.timing}))
     found += [share_kept_table(evaluations), quiet_side_by_side(evaluations)]
     return [table for table in found if table.rows]
 
@@ -137,7 +137,7 @@ def robustness_table(thresholds: Sequence[Threshold]) -> Table:
 
 def audit_table(evaluation: Evaluation) -> Table:
     """Legality audit: every trial of every scenario, how it ended and what it used of the limits."""
-    counts = ("trials", "recovered", "fell", "restless", "tilted", "diverged")
+    counts = ("trials", "recovered", "fell", "restless", "tilted", "diverged", "controller")
     shares = ("torque_recovered", "speed_recovered", "torque", "speed")
     rows = [
         [
@@ -150,9 +150,9 @@ def audit_table(evaluation: Evaluation) -> Table:
     columns = ["scenario", *counts, "torque", "speed", "torque, all", "speed, all"]
     note = (
         "Every trial that was run, most of them near the limit of what is recovered; one that two scenarios share is"
-        " counted at the first. Torque and speed: largest share of a joint's limit that a recovered trial used, and"
-        " that any trial used, falls included. No torque exceeds its limit; a speed may where the outside drives a"
-        " joint, since at its speed limit a motor only stops pushing."
+        " counted at the first. Controller: it failed by itself. Torque and speed: largest share of a joint's limit"
+        " that a recovered trial used, and that any trial used, falls included. No torque exceeds its limit; a speed"
+        " may where the outside drives a joint, since at its speed limit a motor only stops pushing."
     )
     return Table("Legality audit", columns, rows, note)
 

@@ -18,6 +18,7 @@ import numpy as np
 from PIL import Image
 
 from surefoot import paper, pictures, plots, tables, video
+from surefoot.controllers.protocol import Contestant
 from surefoot.errors import UserError
 from surefoot.policy import Policy
 from surefoot.replay import differences
@@ -78,7 +79,7 @@ def comparison_figures(evaluations: Sequence[Evaluation], curves: Curves) -> lis
     return found
 
 
-def policy_figures(evaluation: Evaluation, policy: Policy | None) -> tuple[list[Figure], list[str]]:
+def policy_figures(evaluation: Evaluation, policy: Policy | Contestant | None) -> tuple[list[Figure], list[str]]:
     """Figures of one policy, and notes on those that could not be made.
 
     Args:

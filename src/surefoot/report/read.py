@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from surefoot import tables
+from surefoot.controllers.step_times import Timing
 from surefoot.errors import UserError
 from surefoot.evaluation import NUM_SAMPLED, NUM_WHOLE, Threshold, whole_outcomes
 from surefoot.judge import Outcome
@@ -52,6 +53,7 @@ class Evaluation:
         audit: per scenario, how its trials ended and what share of the limits they used.
         versions: of surefoot and MuJoCo, with which the trials were run.
         wall_s: time of the evaluation [s].
+        timing: of a controller, None of a policy.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Evaluation:
     audit: list[dict[str, Any]]
     versions: str
     wall_s: float
+    timing: Timing | None = None
 
     @property
     def robot(self) -> Robot:
@@ -127,12 +130,14 @@ def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Ev
         audit=sorted(results.query(_AUDIT, *key), key=lambda row: _place(row["scenario"])),
         versions=", ".join(f"surefoot {row['surefoot']}, MuJoCo {row['mujoco']}" for row in versions),
         wall_s=wall["seconds"],
+        timing=results.timing(key),
     )
 
 
 _AUDIT = """
 SELECT scenario, count(*) AS trials, sum(reason = 'recovered') AS recovered, sum(reason = 'fell') AS fell,
     sum(reason = 'restless') AS restless, sum(reason = 'tilted') AS tilted, sum(reason = 'diverged') AS diverged,
+    sum(reason IN ('raised', 'not finite', 'wrong shape', 'too late')) AS controller,
     max(torque_ratio) AS torque, max(speed_ratio) AS speed,
     max(CASE reason WHEN 'recovered' THEN torque_ratio END) AS torque_recovered,
     max(CASE reason WHEN 'recovered' THEN speed_ratio END) AS speed_recovered

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import binary_closing
 
+from surefoot.controllers.protocol import Contestant
 from surefoot.judge import Outcome
 from surefoot.policy import Policy
 from surefoot.robot import FLOOR, Robot, load_robot
@@ -93,7 +94,7 @@ class Trace:
         return Recording(policy_name, self.ticks.robot, self.trial, self.outcome, fps, tuple(moments))
 
 
-def run_traces(policy: Policy, trials: Mapping[str, Trial]) -> dict[str, Trace]:
+def run_traces(policy: Policy | Contestant, trials: Mapping[str, Trial]) -> dict[str, Trace]:
     """Run some whole trials of one policy again, those in the same world as one batch."""
     traces: dict[Trial, Trace] = {}
     for world in dict.fromkeys(trial.world for trial in trials.values()):

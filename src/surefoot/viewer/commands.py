@@ -15,6 +15,7 @@ from rich.console import Console
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
+    from surefoot.controllers import Contestant
     from surefoot.policy import Policy
     from surefoot.trials import Trial
 
@@ -144,11 +145,11 @@ class Picture(_Shown):
         console.print(f"picture: {self.out} ({', '.join(r.outcome.reason for r in recordings)})", soft_wrap=True)
 
 
-def named_policy(name: str) -> Policy:
-    """A policy as a user names it."""
-    from surefoot.policy import NominalPolicy, load_policy
+def named_policy(name: str) -> Policy | Contestant:
+    """A policy or controller as a user names it."""
+    from surefoot.controllers import load_entrant
 
-    return NominalPolicy() if name == "nominal" else load_policy(name)
+    return load_entrant(name)
 
 
 def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
