@@ -177,7 +177,7 @@ class Watched:
     def __init__(self, robot: Robot, standing: Ticks, altered: Callable[..., Ticks], **changes: float):
         self.standing, self.altered = standing, altered
         self.still = {f"{joint}_{what}": 0.0 for joint in robot.joint_names for what in ("velocity", "torque")}
-        self.still |= {"com_velocity": 0.0, "pelvis_orientation": (1.0, 0.0, 0.0, 0.0)}
+        self.still |= {"com_velocity": 0.0, "pelvis_up": (0.0, 0.0, 1.0)}
         self.judge, self.tick = Judge(robot, 1), 0
         values = {"start": 0, "push_end": 60, "horizon": 2.0, "calm_from": 1.0, "whole": True} | changes
         first = altered(standing, **self.still)
@@ -257,7 +257,7 @@ def test_saturation_is_the_time_of_the_joint_that_was_longest_at_its_limit(watch
 
 def test_the_tilt_counts_from_the_disturbance_on(robot: Robot, standing: Ticks, altered: Callable[..., Ticks]) -> None:
     def tilted(angle: float) -> dict[str, object]:
-        return {"pelvis_orientation": (np.cos(angle / 2), 0.0, np.sin(angle / 2), 0.0)}
+        return {"pelvis_up": (-np.sin(angle), 0.0, np.cos(angle))}
 
     watched = Watched(robot, standing, altered, start=100, push_end=160)
     watched.goes_on(5, **tilted(0.6))
@@ -271,7 +271,7 @@ def test_the_tilt_counts_from_the_disturbance_on(robot: Robot, standing: Ticks, 
 def test_a_reset_forgets_the_last_trial(robot: Robot, standing: Ticks, altered: Callable[..., Ticks]) -> None:
     watched = Watched(robot, standing, altered)
     busy = {"left_knee_pitch_torque": 350.0, "left_knee_pitch_velocity": 2.0, "com_velocity": 1.0}
-    spoilt = watched.goes_on(50, **busy, com_position=(9.0, 9.0, 1.0), pelvis_orientation=(0.0, 1.0, 0.0, 0.0))
+    spoilt = watched.goes_on(50, **busy, com_position=(9.0, 9.0, 1.0), pelvis_up=(0.0, 0.0, -1.0))
     fresh = Watched(robot, standing, altered)
     fresh.judge = watched.judge
     first = altered(standing, **fresh.still)
