@@ -16,7 +16,8 @@ from surefoot.disturbance import Push
 from surefoot.judge import Outcome
 from surefoot.policy import NominalPolicy
 from surefoot.robot import Robot, load_robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks, sensor_layout
+from surefoot.simulation import TICKS_PER_STEP, Simulation, sensor_layout
+from surefoot.ticks import Ticks
 from surefoot.trials import Trial, run_list
 
 TOTAL_MASS = 137.287494

@@ -8,7 +8,8 @@ from surefoot import observation
 from surefoot.control import PERFECT, ControlLoop, Imperfections
 from surefoot.errors import UserError
 from surefoot.robot import Robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
+from surefoot.simulation import TICKS_PER_STEP, Simulation
+from surefoot.ticks import Ticks
 
 LEG = ("hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll")
 JOINTS = {"torso_pitch", *(f"{side}_{name}" for side in ("left", "right") for name in LEG)}

@@ -22,7 +22,7 @@ from surefoot.errors import UserError
 from surefoot.replay import differences, find_policy, replay
 from surefoot.results import Results
 from surefoot.robot import Robot
-from surefoot.simulation import Ticks
+from surefoot.ticks import Ticks
 from surefoot.trials import Trial, run_list
 
 ROOT = Path(__file__).parent.parent

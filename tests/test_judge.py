@@ -13,7 +13,8 @@ from surefoot.disturbance import Drop
 from surefoot.judge import Judge, Outcome, joint_groups
 from surefoot.policy import NominalPolicy
 from surefoot.robot import Robot, World
-from surefoot.simulation import TICKS_PER_STEP, Ticks
+from surefoot.simulation import TICKS_PER_STEP
+from surefoot.ticks import Ticks
 from surefoot.trials import run_list
 
 FORWARD, LEFT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 from surefoot import observation
 from surefoot.control import ControlLoop
 from surefoot.robot import Robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
+from surefoot.simulation import TICKS_PER_STEP, Simulation
+from surefoot.ticks import Ticks
 
 LEG = ("hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll")
 JOINTS = ["torso_pitch", *(f"left_{name}" for name in LEG), *(f"right_{name}" for name in LEG)]

@@ -9,7 +9,8 @@ import pytest
 
 from surefoot import reward
 from surefoot.robot import Robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation, Ticks
+from surefoot.simulation import TICKS_PER_STEP, Simulation
+from surefoot.ticks import Ticks
 
 WEIGHT = 137.287494 * 9.806651  # 1346.33 N
 SUM_OF_WEIGHTS = 14.0  # 2 + 3 + 2 + 1 + 4 * 1 + 2 * 1

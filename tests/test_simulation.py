@@ -5,14 +5,8 @@ import pytest
 from conftest import PUSH, everyone, hold, plain_steps, stand
 
 from surefoot.robot import Robot
-from surefoot.simulation import (
-    CONTROL_DT,
-    POLICY_DT,
-    TICKS_PER_STEP,
-    Simulation,
-    Ticks,
-    sole_corners,
-)
+from surefoot.simulation import CONTROL_DT, POLICY_DT, TICKS_PER_STEP, Simulation
+from surefoot.ticks import Ticks, sole_corners
 
 
 def random_targets(robot: Robot, num_robots: int, seed: int = 0) -> np.ndarray:

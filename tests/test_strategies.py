@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from surefoot.control import ControlLoop
 from surefoot.policy import NominalPolicy, Policy, load_policy
 from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Ticks
+from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.strategies import HABIT, Step, Strategies, StrategyWatch
+from surefoot.ticks import Ticks
 
 FORWARD, BACKWARD, LEFT = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 EVERYONE = np.array([0])

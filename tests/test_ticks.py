@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from surefoot import balance
 from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_DT, Simulation, Ticks, roll_pitch, sole_corners, uprightness
+from surefoot.simulation import CONTROL_DT, Simulation
+from surefoot.ticks import Ticks, roll_pitch, sole_corners, uprightness
 
 # Named quantities against MuJoCo's own, in the middle of a pushed motion.
 

@@ -7,7 +7,8 @@ import pytest
 from conftest import hold
 
 from surefoot.robot import FLOOR, PLAIN, Robot, World
-from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP, Simulation, Ticks, sole_corners
+from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP, Simulation
+from surefoot.ticks import Ticks, sole_corners
 
 
 def standing_in(robot: Robot, world: World, num_steps: int = 50, yaw: float = 0.0, ankles: float = 0.0) -> Ticks:

@@ -15,7 +15,8 @@ from surefoot.disturbance import Pushes
 from surefoot.errors import UserError
 from surefoot.robot import PLAIN, Robot, World
 from surefoot.signals import Delay, LowPass, Noise, cubic_path
-from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Simulation, Ticks
+from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Simulation
+from surefoot.ticks import Ticks
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP, horizontal
+from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP
+from surefoot.ticks import horizontal
 
 PUSH_DURATION = 0.12
 """The paper's push: a constant force for 0.12 s."""

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.robot import Robot, joint_group
-from surefoot.simulation import CONTROL_DT, CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP, Ticks
+from surefoot.simulation import CONTROL_DT, CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP
 from surefoot.strategies import STEP_LENGTH, StrategyWatch
+from surefoot.ticks import Ticks
 
 HORIZON_S = 10.0
 """Time after the beginning of the disturbance at which a trial is judged."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from surefoot.robot import Robot
-from surefoot.simulation import HEADING_BLOCK, Ticks
+from surefoot.ticks import HEADING_BLOCK, Ticks
 
 FOOT_FORCE_UNIT = 800.0
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.simulation import Ticks, horizontal
+from surefoot.ticks import Ticks, horizontal
 
 NO_FOOT_CONTACT = -2.0
 NON_FOOT_CONTACT = -10.0

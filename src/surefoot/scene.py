@@ -17,7 +17,7 @@ import numpy as np
 from surefoot.disturbance import Push
 from surefoot.errors import UserError
 from surefoot.robot import FLOOR, PLAIN, Robot, World
-from surefoot.simulation import Ticks
+from surefoot.ticks import Ticks
 
 _AFTERGLOW = 0.3
 """A push stays in the picture for so long after its end [s]."""

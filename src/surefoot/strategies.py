@@ -28,7 +28,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_DT, POLICY_DT, POLICY_HZ, Ticks, horizontal, uprightness
+from surefoot.simulation import CONTROL_DT, POLICY_DT, POLICY_HZ
+from surefoot.ticks import Ticks, horizontal, uprightness
 
 ANKLE_SHIFT = 0.02
 """[m]: 27 Nm of ankle torque under Valkyrie's weight. Its stiff nominal pose sways by 0.015 m undisturbed."""

@@ -19,7 +19,8 @@ from surefoot.errors import UserError
 from surefoot.judge import CALM_FROM_S, HORIZON_S, Judge, Outcome
 from surefoot.policy import Policy
 from surefoot.robot import PLAIN, Robot, World, load_robot
-from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP, Ticks
+from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
+from surefoot.ticks import Ticks
 
 SETTLE_S = 1.0
 """Time that the policy has to find its stance before the disturbance."""

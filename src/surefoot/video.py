@@ -21,7 +21,8 @@ from surefoot.errors import UserError
 from surefoot.policy import Policy
 from surefoot.robot import Robot, load_robot
 from surefoot.scene import LEGEND, Moment, Scene
-from surefoot.simulation import CONTROL_DT, CONTROL_HZ, Ticks
+from surefoot.simulation import CONTROL_DT, CONTROL_HZ
+from surefoot.ticks import Ticks
 from surefoot.trials import Outcome, Trial, TrialSource, draws, run_trials
 
 PICTURE_SUFFIXES = (".png", ".jpg")

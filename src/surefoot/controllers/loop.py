@@ -16,7 +16,8 @@ from surefoot.control import ControlLoop
 from surefoot.controllers.protocol import Command, Contestant, State
 from surefoot.robot import PLAIN, Robot, World
 from surefoot.signals import Delay, LowPass
-from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP, Ticks, roll_pitch
+from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
+from surefoot.ticks import Ticks, roll_pitch
 
 PATIENCE_S = 0.1
 """A control step that takes longer than this per robot (and `PATIENCE_S * 20` in all) fails its trial."""

@@ -14,8 +14,9 @@ from surefoot.judge import Outcome
 from surefoot.policy import Policy
 from surefoot.robot import FLOOR, Robot, load_robot
 from surefoot.scene import Moment
-from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP, Simulation, Ticks, roll_pitch
+from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP, Simulation
 from surefoot.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
+from surefoot.ticks import Ticks, roll_pitch
 from surefoot.trials import Trial, TrialSource, draws, run_trials
 from surefoot.video import Recording
 

@@ -10,7 +10,8 @@ import viser
 from viser import uplot
 
 from surefoot.robot import Robot
-from surefoot.simulation import POLICY_HZ, Ticks
+from surefoot.simulation import POLICY_HZ
+from surefoot.ticks import Ticks
 from surefoot.viewer.session import Session
 from surefoot.viewer.stage import CAPTURED, COM, ESCAPED, FORCE, PRESSURE, PUSH, STATE_COLORS, SUPPORT
 from surefoot.viewer.verdict import State

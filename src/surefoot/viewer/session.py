@@ -11,8 +11,9 @@ from surefoot.disturbance import PUSH_DURATION, Push, Pushes
 from surefoot.errors import UserError
 from surefoot.policy import Policy
 from surefoot.robot import load_robot
-from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP, Ticks
+from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.strategies import StrategyWatch
+from surefoot.ticks import Ticks
 from surefoot.trials import JOINT_NOISE
 from surefoot.viewer.verdict import State, Verdicts
 

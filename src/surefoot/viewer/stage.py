@@ -8,7 +8,7 @@ import viser
 
 from surefoot.robot import Robot
 from surefoot.scene import Moment
-from surefoot.simulation import Ticks
+from surefoot.ticks import Ticks
 from surefoot.viewer.body_meshes import body_glbs, visual_model
 from surefoot.viewer.session import Session
 from surefoot.viewer.verdict import State

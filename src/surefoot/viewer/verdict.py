@@ -11,7 +11,8 @@ from enum import IntEnum
 import numpy as np
 
 from surefoot.judge import HORIZON_S, MAX_COM_SPEED, MAX_TILT_DEG, QUIET_S
-from surefoot.simulation import CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP, Ticks
+from surefoot.simulation import CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP
+from surefoot.ticks import Ticks
 
 
 class State(IntEnum):
