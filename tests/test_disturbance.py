@@ -289,6 +289,22 @@ def test_a_long_push_is_not_cut_short_by_the_next_draw(robot: Robot) -> None:
     assert num_ticks == 1500  # 3 s
 
 
+def test_some_pushes_come_a_quarter_of_a_second_after_one_upwards(robot: Robot) -> None:
+    n = 400
+    pushes, lifts = Pushes(robot, n), Pushes(robot, n)
+    config = DisturbanceConfig(impulse=(60.0, 60.0), first=(1.0, 1.0), lift=(200.0, 500.0), lift_share=0.25)
+    RandomPushes(config, pushes, np.random.default_rng(0), lifts).reset(np.arange(n))
+    lifted = pushes.start == 620  # 1 s and 0.24 s, at 500 ticks a second
+    assert lifted.mean() == pytest.approx(0.25, abs=4 * np.sqrt(0.25 * 0.75 / n))
+    assert set(pushes.start[~lifted]) == {500}
+    assert set(lifts.start[lifted]) == {500}
+    assert (lifts.start[~lifted] > 10**9).all()  # none
+    impulse = lifts.force[lifted] * 0.12
+    np.testing.assert_array_equal(impulse[:, :2], 0.0)
+    assert 200.0 <= impulse[:, 2].min() < 230.0
+    assert 470.0 < impulse[:, 2].max() <= 500.0
+
+
 # Curriculum.
 
 

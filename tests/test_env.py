@@ -112,6 +112,18 @@ def test_a_share_of_the_episodes_starts_by_a_drop() -> None:
     np.testing.assert_allclose(soles[~dropped], 0.0, atol=1.1e-6)
 
 
+def test_dropped_robots_lean_by_up_to_the_angle_and_the_others_stand_upright() -> None:
+    env = make_env(200, drop_height=(0.2, 0.5), drop_share=0.5, drop_lean=0.3, joint_noise=0.0)
+    env.reset(seed=0)
+    start = env.loop.simulation.read(np.arange(200))
+    dropped = start.sole_position[:, 0, :, 2].min(axis=1) > 0.1
+    lean = np.arccos(start["pelvis_up"][:, 0, 2])
+    np.testing.assert_allclose(lean[~dropped], 0.0, atol=1e-6)
+    # Uniform from 0 to 0.3: mean 0.15, deviation 0.3 / sqrt(12) = 0.087 each.
+    assert lean[dropped].mean() == pytest.approx(0.15, abs=4 * 0.087 / np.sqrt(dropped.sum()))
+    assert 0.25 < lean.max() <= 0.3 + 1e-6
+
+
 @pytest.mark.parametrize("pose", ["straight", "bent"])
 def test_a_robot_that_stands_is_truncated_after_16_s_and_not_terminated(pose: str) -> None:
     env = make_env(2, pose=pose, disturbance=NO_PUSH)

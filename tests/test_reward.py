@@ -209,7 +209,7 @@ def test_every_robot_has_its_own_reward_and_the_means_are_over_all(
     # exp(-4.68 * 0.09) = 0.65627; (0.65627 + 1) / 2
     assert means["torso_pitch"] == pytest.approx(0.5 * (0.65627 + 1.0), abs=1e-5)
     assert means["pelvis_pitch"] == pytest.approx(1.0)
-    assert tuple(means) == (*reward.TERMS, "no_foot_contact", "non_foot_contact", "power")
+    assert tuple(means) == (*reward.TERMS, "no_foot_contact", "non_foot_contact", "power", "foot_travel")
 
 
 def test_a_robot_that_really_stands_earns_nearly_1_per_step(standing: Ticks) -> None:
@@ -234,3 +234,18 @@ def test_a_robot_dropped_from_2_m_is_penalised_for_flying(robot: Robot) -> None:
     assert means["no_foot_contact"] == -2.0
     # Upright in the air: (3 + 1 + 4) / 14 of the terms at best, the position term near 1, minus 0.2.
     assert rewards[0] == pytest.approx((2 * means["com_position_xy"] + 8.0) / 14.0 - 0.2, abs=0.02)
+
+
+def test_a_foot_that_travels_costs_its_speed(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+    # 1 mm forward and 1 mm up per tick: 0.5 m/s over the floor; 0.1 * 4 per m/s * 0.5 m/s = 0.2.
+    way = np.outer(np.arange(TICKS_PER_STEP), (0.001, 0.0, 0.001))[None]
+    moving = altered(still(perfect), left_sole_position=LEFT_SOLE + way)
+    free, means = reward.step_reward(moving, HEIGHT, 0.0)
+    charged, charged_means = reward.step_reward(moving, HEIGHT, 0.0, travel_weight=4.0)
+    assert free[0] - charged[0] == pytest.approx(0.2)
+    assert (means["foot_travel"], charged_means["foot_travel"]) == (0.0, pytest.approx(-2.0))
+
+
+def still(ticks: Ticks) -> Ticks:
+    """The first tick, for a whole policy step."""
+    return Ticks(ticks.robot, ticks._layout, np.repeat(ticks.record[:, :1], TICKS_PER_STEP, axis=1))

@@ -130,6 +130,9 @@ class DisturbanceConfig:
         curriculum: if given, the share of hard pushes to survive. Each direction then has a ceiling of its own that
             begins at the range's upper end and rises while more are survived.
         max_impulse: where a curriculum ends [Ns].
+        lift: range of a push upwards at the pelvis that comes first in some cases [Ns], uniform.
+        lift_share: in this share of the pushes.
+        lift_gap: time from the push upwards to the other [s].
     """
 
     bodies: tuple[str, ...] = ("pelvis",)
@@ -139,6 +142,9 @@ class DisturbanceConfig:
     duration: float = PUSH_DURATION
     curriculum: float | None = None
     max_impulse: float = 600.0
+    lift: tuple[float, float] = (0.0, 0.0)
+    lift_share: float = 0.0
+    lift_gap: float = 0.24
 
 
 class RandomPushes:
@@ -148,6 +154,7 @@ class RandomPushes:
         config: ranges to draw from.
         pushes: the N robots' pushes to fill.
         rng: the environment batch's one generator.
+        first_pushes: the pushes to fill that lift a robot before another push; needed if the configuration has any.
 
     Attributes:
         ceiling: largest impulse drawn per sector of directions, (NUM_SECTORS,) [Ns], counter-clockwise from +x.
@@ -161,8 +168,15 @@ class RandomPushes:
     SURVIVED_S = 2.0
     """A push is survived when the robot has not fallen for so long after its start."""
 
-    def __init__(self, config: DisturbanceConfig, pushes: Pushes, rng: np.random.Generator):
+    def __init__(
+        self,
+        config: DisturbanceConfig,
+        pushes: Pushes,
+        rng: np.random.Generator,
+        first_pushes: Pushes | None = None,
+    ):
         self.config = config
+        self.first_pushes = first_pushes
         self.pushes = pushes
         self.rng = rng
         self.ceiling = np.full(self.NUM_SECTORS, config.impulse[1])
@@ -205,4 +219,16 @@ class RandomPushes:
         impulse = np.zeros((n, 3))
         horizontal(impulse)[:] = self._impulse[ids] * np.exp(1j * angle)
         body = self._body_ids[self.rng.integers(len(self._body_ids), size=n)]
+        if self.config.lift_share and self.first_pushes:
+            start += self._lift(ids, start, self.first_pushes)
         self.pushes.schedule(ids, body, impulse, start, self.config.duration)
+
+    def _lift(self, ids: np.ndarray, start: np.ndarray, pushes: Pushes) -> np.ndarray:
+        """Push some of the robots upwards at `start`; how much later the other push has to come (n,) [ticks]."""
+        config = self.config
+        lifted = self.rng.random(len(ids)) < config.lift_share
+        up = self.rng.uniform(*config.lift, lifted.sum())[:, None] * np.array([0.0, 0.0, 1.0])
+        pelvis = np.array([pushes.robot.body_id("pelvis")])
+        pushes.cancel(ids)
+        pushes.schedule(ids[lifted], pelvis, up, start[lifted], config.duration)
+        return lifted * round(config.lift_gap / CONTROL_DT)

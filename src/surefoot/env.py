@@ -31,8 +31,10 @@ class EnvConfig:
         joint_noise: start angles differ from the nominal pose by up to this [rad], uniform.
         drop_height: range of the height above the floor from which an episode starts [m], uniform.
         drop_share: share of the episodes that start from such a height; the others start on the floor.
+        drop_lean: a dropped robot leans by up to this [rad], uniform, in any direction.
         power_weight: penalty per watt, over the share of the training done.
         power_knee: from about this power on, more costs ever less [W]; see `reward.step_reward`.
+        travel_weight: penalty per m/s of the feet's horizontal speeds, over the share of the training done.
         disturbance: the pushes.
     """
 
@@ -43,8 +45,10 @@ class EnvConfig:
     joint_noise: float = 0.02
     drop_height: tuple[float, float] = (0.0, 0.0)
     drop_share: float = 0.0
+    drop_lean: float = 0.0
     power_weight: Schedule = ((0.0, 1e-4),)
     power_knee: float | None = None
+    travel_weight: Schedule = ((0.0, 0.0),)
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
 
 
@@ -76,19 +80,21 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
         self.max_ticks = round(config.episode_s * CONTROL_HZ)
-        self.power_weight = config.power_weight[0][1]
+        self.set_progress(0.0)
         self.reward_means: dict[str, float] = {}
         self._seed(None)
 
     def _seed(self, seed: int | None) -> None:
         self.generator, self._np_random_seed = gym.utils.seeding.np_random(seed)
         self._np_random = self.generator
-        self.random_pushes = RandomPushes(self.config.disturbance, self.loop.pushes, self.generator)
+        self.random_pushes = RandomPushes(
+            self.config.disturbance, self.loop.pushes, self.generator, self.loop.first_pushes
+        )
 
     def set_progress(self, progress: float) -> None:
         """Tell the schedules the share of the training done, 0 to 1."""
-        knots = np.array(self.config.power_weight)
-        self.power_weight = float(np.interp(progress, knots[:, 0], knots[:, 1]))
+        self.power_weight = _at(progress, self.config.power_weight)
+        self.travel_weight = _at(progress, self.config.travel_weight)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -104,7 +110,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.random_pushes.advance(self.loop.tick)
         ticks = self.loop.step(actions)
         rewards, self.reward_means = reward.step_reward(
-            ticks, self.loop.nominal_com_height, self.power_weight, self.config.power_knee
+            ticks, self.loop.nominal_com_height, self.power_weight, self.config.power_knee, self.travel_weight
         )
         observations = self.loop.observation.astype(np.float32)
         terminated = ticks.non_foot_contact.any(axis=1) | self.loop.simulation.diverged
@@ -124,6 +130,13 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         rng, config, n = self.generator, self.config, len(ids)
         noise = rng.uniform(-config.joint_noise, config.joint_noise, (n, self.robot.num_joints))
         joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
-        height = rng.uniform(*config.drop_height, n) * (rng.random(n) < config.drop_share)
-        self.loop.reset(ids, joints, height=height)
+        dropped = rng.random(n) < config.drop_share
+        height = dropped * rng.uniform(*config.drop_height, n)
+        lean = dropped * rng.uniform(0.0, config.drop_lean, n) * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, n))
+        self.loop.reset(ids, joints, height=height, roll=lean.real, pitch=lean.imag)
         self.random_pushes.reset(ids)
+
+
+def _at(progress: float, schedule: Schedule) -> float:
+    knots = np.array(schedule)
+    return float(np.interp(progress, knots[:, 0], knots[:, 1]))

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from surefoot.simulation import CONTROL_HZ
 from surefoot.ticks import Ticks, horizontal
 
 NO_FOOT_CONTACT = -2.0
@@ -97,11 +98,15 @@ TERMS: dict[str, Term] = {
 }
 _WEIGHT = np.array([term.weight for term in TERMS.values()])
 _ALPHA = np.array([term.alpha for term in TERMS.values()])
-NAMES = (*TERMS, "no_foot_contact", "non_foot_contact", "power")
+NAMES = (*TERMS, "no_foot_contact", "non_foot_contact", "power", "foot_travel")
 
 
 def step_reward(
-    ticks: Ticks, nominal_com_height: float, power_weight: float, power_knee: float | None = None
+    ticks: Ticks,
+    nominal_com_height: float,
+    power_weight: float,
+    power_knee: float | None = None,
+    travel_weight: float = 0.0,
 ) -> tuple[np.ndarray, dict[str, float]]:
     """Reward of one policy step.
 
@@ -110,6 +115,8 @@ def step_reward(
         power_weight: penalty per watt of sum |torque * velocity|, on the scale on which perfect standing is 10.
         power_knee: if given, a power P counts as knee * ln(1 + P / knee) [W], so that shuffling costs much and a
             recovery of several kW not much more.
+        travel_weight: penalty per m/s of both feet's horizontal speeds together, on the same scale, so that the robot
+            steps only where it must.
 
     Returns:
         reward: (num_robots,).
@@ -124,6 +131,7 @@ def step_reward(
             NO_FOOT_CONTACT * ticks.in_the_air.mean(axis=-1),
             NON_FOOT_CONTACT * ticks.non_foot_contact.mean(axis=-1),
             -power_weight * _counted_power(ticks, power_knee).mean(axis=-1),
+            -travel_weight * _foot_speed(ticks),
         ]
     )
     reward = STEP_SCALE * (SCALE / _WEIGHT.sum() * (_WEIGHT @ terms) + penalties.sum(axis=0))
@@ -133,3 +141,9 @@ def step_reward(
 
 def _counted_power(ticks: Ticks, knee: float | None) -> np.ndarray:
     return ticks.power if knee is None else knee * np.log1p(ticks.power / knee)
+
+
+def _foot_speed(ticks: Ticks) -> np.ndarray:
+    """Mean horizontal speed of both feet together over the ticks [m/s]: (num_robots,)."""
+    way = np.abs(np.diff(horizontal(ticks.sole_position), axis=1)).sum(axis=(1, 2))
+    return way * CONTROL_HZ / max(len(ticks) - 1, 1)

@@ -183,27 +183,31 @@ _FAST = {
         env=_FAST_ENV,
     ),
 }
-# For half an hour: larger pushes, on every body, and drops; then standing still costs most.
+# For half an hour: larger pushes, on every body, also in the air, and drops; then moving costs most.
 _WIDE_ENV = dataclasses.replace(
     _FAST_ENV,
     action_scale=0.8,
     power_weight=((0.0, 1e-3), (0.35, 1e-3), (0.6, 6e-3), (0.8, 1.2e-2)),
+    travel_weight=((0.0, 0.0), (0.3, 0.0), (0.6, 4.0)),
     drop_height=(0.1, 1.6),
     drop_share=0.1,
+    drop_lean=0.35,
     disturbance=dataclasses.replace(
         _FAST_ENV.disturbance,
-        bodies=("pelvis",) * 4 + ("torso", "left_thigh", "right_thigh", "left_shank", "right_shank"),
-        impulse=(30.0, 420.0),
+        bodies=("pelvis",) * 4 + ("torso",) * 2 + ("left_thigh", "right_thigh", "left_shank", "right_shank"),
+        impulse=(30.0, 450.0),
         first=(0.2, 3.4),
         interval=(2.4, 9.0),
+        lift=(200.0, 600.0),
+        lift_share=0.08,
     ),
 )
 _WIDE = {
     name: dataclasses.replace(
         config,
         preset="wide",
-        minutes=40.0,
-        schedule_minutes=40.0,
+        minutes=30.0,
+        schedule_minutes=30.0,
         env=_WIDE_ENV,
         average_steps=200_000.0,
         final_noise=0.3,
