@@ -18,21 +18,27 @@ ROOT = Path(__file__).parent.parent
 THRESHOLDS = ROOT / "results" / "thresholds.csv"
 
 
-def test_the_readmes_table_is_that_of_the_committed_thresholds() -> None:
-    block = re.search(
-        r"<!-- table 1: .*? -->\n(.*?)<!-- end of table 1 -->", (ROOT / "README.md").read_text(), re.DOTALL
-    )
-    assert block is not None
-    assert block[1] == tables.table_1(read_thresholds(THRESHOLDS), load_robot()).markdown()
+TABLE = re.compile(
+    r"<!-- (?P<name>[^:\n]+): surefoot table (?P<file>\S+)(?P<worst> --worst)? --markdown -->\n"
+    r"(?P<text>.*?)<!-- end of (?P=name) -->",
+    re.DOTALL,
+)
 
 
-def test_the_controllers_table_is_that_of_their_committed_thresholds() -> None:
-    page = (ROOT / "docs" / "controllers.md").read_text()
-    block = re.search(r"<!-- controllers: .*? -->\n(.*?)<!-- end of controllers -->", page, re.DOTALL)
-    assert block is not None
-    found = read_thresholds(ROOT / "results" / "controllers.csv")
-    assert block[1] == tables.table_1(found, load_robot()).markdown()
-    assert set(found) == set(shipped_controllers())
+@pytest.mark.parametrize(
+    ("page", "num_tables"), [("README.md", 1), ("docs/controllers.md", 2), ("results/README.md", 1)]
+)
+def test_a_pages_tables_are_those_of_the_committed_thresholds(page: str, num_tables: int) -> None:
+    found = list(TABLE.finditer((ROOT / page).read_text()))
+    assert len(found) == num_tables
+    for block in found:
+        policies = read_thresholds(ROOT / block["file"])
+        table = tables.worst_table(policies) if block["worst"] else tables.table_1(policies, load_robot())
+        assert block["text"] == table.markdown()
+
+
+def test_every_shipped_controller_has_its_thresholds() -> None:
+    assert set(read_thresholds(ROOT / "results" / "controllers.csv")) == set(shipped_controllers())
 
 
 def test_those_that_step_hold_more_than_those_that_stand() -> None:

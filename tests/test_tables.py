@@ -101,6 +101,13 @@ def test_table_1_shows_the_worse_side_beside_the_papers(robot: Robot) -> None:
     assert float(equation[5]) == min(float(equation[1]), float(equation[3]))
 
 
+def test_the_worst_table_has_a_row_per_policy_and_a_column_per_scenario(robot: Robot) -> None:
+    ours = [*found("pelvis_push", (120, 90, 150, 96)), *found("torso_push", (60, 66, 72, 54))]
+    table = tables.worst_table({"ours": ours, "theirs": found("torso_push", (30, 36, 42, 48))})
+    assert table.columns == ["", "pelvis push [Ns]", "torso push [Ns]"]
+    assert table.rows == [["ours", "90", "54"], ["theirs", "", "30"]]
+
+
 def test_table_2_shows_shares_and_the_papers_marks() -> None:
     fixed = outcomes_of(
         "sagittal_72", an_outcome(ankle=True, steps=2), an_outcome(ankle=True, hip=True, recovered=False),

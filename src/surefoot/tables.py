@@ -15,7 +15,7 @@ from surefoot.evaluation import Store, Threshold, whole_outcomes
 from surefoot.judge import Outcome, joint_groups
 from surefoot.policy import Entrant
 from surefoot.robot import Robot
-from surefoot.scenarios import DIRECTIONS
+from surefoot.scenarios import DIRECTIONS, PAPER
 from surefoot.simulation import Simulation
 from surefoot.trials import Trial
 
@@ -219,6 +219,19 @@ def table_1(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
     columns = ["", *DIRECTIONS, "sagittal", "paper", "lateral", "paper"]
     note = "Sagittal and lateral: the worse of the two directions. Equation (6): the paper's straight pose."
     return Table("Table I: largest rejected impulse [Ns]", columns, rows, note)
+
+
+def worst_table(policies: Mapping[str, Sequence[Threshold]]) -> Table:
+    """The worst direction of every searched scenario of the paper: a row per policy or controller."""
+    found = {name: by_scenario(thresholds) for name, thresholds in policies.items()}
+    searched = [s for s in PAPER if s.search and any(s.name in of_one for of_one in found.values())]
+    rows = []
+    for name, of_one in found.items():
+        worst = [min((t.size for t in of_one.get(s.name, {}).values()), default=None) for s in searched]
+        rows.append([name, *("" if size is None else f"{size:g}" for size in worst)])
+    columns = ["", *(f"{_words(s.name)} [{s.unit}]" for s in searched)]
+    note = "The largest value that holds in every direction that was tested."
+    return Table("The worst direction of every scenario", columns, rows, note)
 
 
 def table_2(fixed: Fixed) -> Table:

@@ -32,8 +32,9 @@ class Train:
     algorithm: str = "ddpg"
     """trpo, ppo or ddpg."""
     preset: str = "fast"
-    """fast (minutes on a laptop), wide (half an hour: larger pushes, on every body, and drops) or paper (the paper's
-    hyperparameters, pose and pushes)."""
+    """fast (minutes on a laptop), wide (half an hour: larger pushes, on every body, and drops), steady (after a run of
+    wide: in the air, leaning, and without steps that are not needed) or paper (the paper's hyperparameters, pose and
+    pushes)."""
     run: Path | None = None
     """Folder of the run; runs/PRESET-ALGORITHM-SEED without it."""
     minutes: float | None = None
@@ -44,6 +45,8 @@ class Train:
     """Seed of everything random."""
     resume: Path | None = None
     """Go on with the run in this folder instead of starting one."""
+    after: Path | None = None
+    """Begin with the networks that the run in this folder ended with."""
 
     def main(self) -> None:
         with needs_torch():
@@ -53,6 +56,8 @@ class Train:
         check_positive("minutes", self.minutes)
         check_positive("steps", self.steps)
         check_not_negative("seed", self.seed)
+        if self.resume and self.after:
+            raise UserError("--after is for a new run; one that is resumed knows what it began with")
         if self.resume is None:
             config = with_budget(preset(self.preset, self.algorithm), self.minutes, self.steps, self.seed)
             folder = self.run or Path("runs") / f"{config.preset}-{config.algorithm}-{config.seed}"
@@ -63,7 +68,7 @@ class Train:
         console.print("the bar ends with the impulses about rejected now: forward/left/backward/right")
         try:
             with training_bar() as show:
-                train(config, folder, self.resume is not None, show)
+                train(config, folder, self.resume is not None, show, self.after)
         except KeyboardInterrupt:
             console.print(f"interrupted; go on with: surefoot train --resume {folder}")
             raise

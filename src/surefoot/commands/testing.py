@@ -118,10 +118,12 @@ class Replay:
 
 @dataclass(frozen=True)
 class Table:
-    """Print Table I from exported thresholds, beside the paper's."""
+    """Print tables from exported thresholds: Table I beside the paper's, or the worst direction of everything."""
 
     thresholds: Annotated[Path, tyro.conf.Positional]
     """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
+    worst: bool = False
+    """The worst direction of every scenario instead of Table I."""
     markdown: bool = False
     """As Markdown instead of a drawn table."""
 
@@ -130,11 +132,12 @@ class Table:
         from surefoot.results import read_thresholds
         from surefoot.robot import load_robot
 
-        policies, robot = read_thresholds(self.thresholds), load_robot()
+        policies = read_thresholds(self.thresholds)
+        table = tables.worst_table(policies) if self.worst else tables.table_1(policies, load_robot())
         if self.markdown:
-            sys.stdout.write(tables.table_1(policies, robot).markdown())
+            sys.stdout.write(table.markdown())
         else:
-            Console().print(tables.table_1(policies, robot).rich())
+            Console().print(table.rich())
 
 
 @dataclass(frozen=True)

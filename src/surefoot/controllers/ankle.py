@@ -20,9 +20,10 @@ FLIGHT_S = 0.02
 class Ankle:
     """p = c + (1 + k / w)(x + v / w - c): pressure centre p ahead of the capture point, c between the feet.
 
-    Linear inverted pendulum with the capture point as its feedback: Hof 2008, equation (10); Englsberger 2011,
-    equation (12). This is the experiment behind equation (6) of Yang et al. 2018. Pelvis and torso are kept upright
-    and no angular momentum is made on purpose; feed-forward torques.
+    Linear inverted pendulum with the capture point as its feedback: A. L. Hof 2008, The "extrapolated center of mass"
+    concept suggests a simple control of balance in walking (Human Movement Science); J. Englsberger et al. 2011,
+    Bipedal walking control based on capture point dynamics (IROS). This is the experiment behind equation (6) of Yang
+    et al. 2018. Pelvis and torso are kept upright and no angular momentum is made on purpose; feed-forward torques.
     """
 
     rate_hz = 250

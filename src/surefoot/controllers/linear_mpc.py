@@ -8,7 +8,7 @@ from surefoot.errors import UserError
 
 
 class CartTable:
-    """CoM position, velocity and acceleration under piecewise constant jerk, one axis (Wieber 2006, equations 3 to 6).
+    """CoM position, velocity and acceleration under piecewise constant jerk, one axis (Wieber 2006).
 
     Over the next `num_steps` intervals the position is `position_of_state @ state + position_of_jerk @ jerk`, likewise
     velocity and pressure centre, which is x - (h / g) x''.

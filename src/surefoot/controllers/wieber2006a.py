@@ -21,7 +21,8 @@ in the middle."""
 
 
 class TrajectoryFreeMPC(Ankle):
-    """P.-B. Wieber 2006, Trajectory free linear model predictive control (Humanoids): equations (9) to (11).
+    """P.-B. Wieber 2006, Trajectory free linear model predictive control for stable walking in the presence of strong
+    perturbations (Humanoids).
 
     min over the jerk of the CoM, sum of jerk^2, with the pressure centre inside the support over the whole horizon; one
     quadratic program per axis. Its first jerk gives the pressure centre until the next plan.

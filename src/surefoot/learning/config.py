@@ -1,4 +1,4 @@
-"""What a training run is told: three named presets, `paper`, `fast` and `wide`, for each algorithm."""
+"""What a training run is told: named presets, `paper`, `fast`, `wide` and `steady`, for each algorithm."""
 
 from __future__ import annotations
 
@@ -183,38 +183,54 @@ _FAST = {
         env=_FAST_ENV,
     ),
 }
-# For half an hour: larger pushes, on every body, also in the air, and drops; then moving costs most.
+# For half an hour: larger pushes, on every body, and drops.
 _WIDE_ENV = dataclasses.replace(
     _FAST_ENV,
     action_scale=0.8,
-    power_weight=((0.0, 1e-3), (0.35, 1e-3), (0.6, 6e-3), (0.8, 1.2e-2)),
-    travel_weight=((0.0, 0.0), (0.3, 0.0), (0.6, 4.0)),
     drop_height=(0.1, 1.6),
     drop_share=0.1,
-    drop_lean=0.35,
     disturbance=dataclasses.replace(
         _FAST_ENV.disturbance,
-        bodies=("pelvis",) * 4 + ("torso",) * 2 + ("left_thigh", "right_thigh", "left_shank", "right_shank"),
-        impulse=(30.0, 450.0),
+        bodies=("pelvis",) * 4 + ("torso", "left_thigh", "right_thigh", "left_shank", "right_shank"),
+        impulse=(30.0, 420.0),
         first=(0.2, 3.4),
+    ),
+)
+_WIDE = {
+    name: dataclasses.replace(config, preset="wide", minutes=34.0, schedule_minutes=34.0, env=_WIDE_ENV)
+    for name, config in _FAST.items()
+}
+# After `wide`: also in the air and leaning, with time to stand, and moving costs more.
+_STEADY_ENV = dataclasses.replace(
+    _WIDE_ENV,
+    power_weight=((0.0, 8e-3), (0.5, 1.2e-2)),
+    travel_weight=((0.0, 0.0), (0.5, 4.0)),
+    drop_lean=0.35,
+    disturbance=dataclasses.replace(
+        _WIDE_ENV.disturbance,
+        bodies=("pelvis",) * 4 + ("torso",) * 2 + ("left_thigh", "right_thigh", "left_shank", "right_shank"),
+        impulse=(10.0, 450.0),
         interval=(2.4, 9.0),
         lift=(200.0, 600.0),
         lift_share=0.08,
     ),
 )
-_WIDE = {
+_STEADY = {
     name: dataclasses.replace(
         config,
-        preset="wide",
-        minutes=30.0,
-        schedule_minutes=30.0,
-        env=_WIDE_ENV,
-        average_steps=200_000.0,
-        final_noise=0.3,
+        preset="steady",
+        minutes=20.0,
+        schedule_minutes=20.0,
+        env=_STEADY_ENV,
+        hyper={**config.hyper, "learning_rate": 4e-4},
+        final_learning_rate=0.25,
+        noise=(0.01, 0.12),
+        final_noise=0.6,
+        average_steps=100_000.0,
     )
-    for name, config in _FAST.items()
+    for name, config in _WIDE.items()
 }
-PRESETS = {"paper": _PAPER, "fast": _FAST, "wide": _WIDE}
+PRESETS = {"paper": _PAPER, "fast": _FAST, "wide": _WIDE, "steady": _STEADY}
 
 
 def preset(name: str, algorithm: str) -> TrainConfig:

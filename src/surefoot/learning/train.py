@@ -26,6 +26,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 import surefoot
 from surefoot import observation
 from surefoot.env import PushRecoveryVectorEnv
+from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.probe import Probe, probe
 from surefoot.learning.run_folder import RunFolder
@@ -77,6 +78,7 @@ class Trainer:
         config: what to learn.
         folder: where to keep it.
         resume: go on from the folder's checkpoint.
+        after: a finished run whose networks this one begins with.
         on_progress: called a few times a second.
     """
 
@@ -86,6 +88,7 @@ class Trainer:
         folder: RunFolder,
         resume: bool = False,
         on_progress: Callable[[Progress], None] | None = None,
+        after: RunFolder | None = None,
     ):
         self.config = config
         self.folder = folder
@@ -100,8 +103,11 @@ class Trainer:
         self._seconds_before = 0.0
         self._average = actor_layers(self.model)
         self._averaged_steps = 0
+        self._inherited: dict[str, Any] = {}
         if resume:
             self._restore()
+        elif after:
+            self._inherit(after)
 
     def run(self) -> None:
         """Learn until the budget is used up.
@@ -126,7 +132,7 @@ class Trainer:
         """Bring the progress up to date."""
         p, config = self.progress, self.config
         p.seconds = self._seconds_before + time.monotonic() - self._began
-        p.steps = self.model.num_timesteps
+        p.steps = self.model.num_timesteps - self._inherited.get("policy_steps", 0)
         p.share = min(1.0, max(p.seconds / (60.0 * config.minutes), p.steps / config.steps if config.steps else 0.0))
         lengths = [episode["l"] for episode in self.model.ep_info_buffer or ()]
         p.episode_length = float(np.mean(lengths)) if lengths else 0.0
@@ -172,18 +178,19 @@ class Trainer:
         return network_bytes(layers, normalise.mean, normalise.std, squash, contract)
 
     def _record(self) -> dict[str, Any]:
-        p, config = self.progress, self.config
-        return {
+        p, config, before = self.progress, self.config, self._inherited
+        record = {
             "algorithm": config.algorithm,
             "preset": config.preset,
             "seed": config.seed,
-            "policy_steps": p.steps,
-            "minutes": round(p.seconds / 60.0, 2),
+            "policy_steps": p.steps + before.get("policy_steps", 0),
+            "minutes": round(p.seconds / 60.0 + before.get("minutes", 0.0), 2),
             "cores": os.cpu_count(),
             "machine": platform.machine(),
             "surefoot": surefoot.__version__,
             "commit": _commit(),
         }
+        return record | ({"after": before} if before else {})
 
     def _curve_row(self, found: Probe) -> dict[str, float]:
         returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
@@ -208,23 +215,40 @@ class Trainer:
             "env_generator": self.env.generator.bit_generator.state,
             "torch_generator": torch.get_rng_state(),
             "average": [list(layer) for layer in self._average],
+            "inherited": self._inherited,
         }
 
     def _restore(self) -> None:
         parameters, state = self.folder.load_checkpoint()
-        self.model.set_parameters(parameters)  # type: ignore[arg-type]
-        self.model.num_timesteps = state["steps"]
-        if isinstance(self.model, OffPolicyAlgorithm):  # its replay buffer was not kept and is filled anew first
-            self.model.learning_starts += state["steps"]
+        self._take_networks(parameters, state)
         self.best_score = state["best_score"]
-        self._average = [(weight, bias) for weight, bias in state["average"]]
-        self._averaged_steps = state["steps"]
+        self._inherited = state.get("inherited", {})
         self._seconds_before = self.progress.seconds = state["seconds"]
         self.rng.bit_generator.state = state["noise_generator"]
         self.venv.seed(None)
         self.env.reset(seed=self.config.seed)
         self.env.generator.bit_generator.state = state["env_generator"]
         torch.set_rng_state(state["torch_generator"])
+
+    def _take_networks(self, parameters: dict[str, dict], state: dict[str, Any]) -> None:
+        self.model.set_parameters(parameters)  # type: ignore[arg-type]
+        self.model.num_timesteps = state["steps"]
+        if isinstance(self.model, OffPolicyAlgorithm):  # its replay buffer was not kept and is filled anew first
+            self.model.learning_starts += state["steps"]
+        self._average = [(weight, bias) for weight, bias in state["average"]]
+        self._averaged_steps = state["steps"]
+
+    def _inherit(self, folder: RunFolder) -> None:
+        """Begin with the networks of another run: an own clock, schedule and curve."""
+        parameters, state = folder.load_checkpoint()
+        self._take_networks(parameters, state)
+        config, before = folder.config(), state.get("inherited", {})
+        self._inherited = {
+            "preset": config.preset,
+            "seed": config.seed,
+            "policy_steps": state["steps"],
+            "minutes": round(state["seconds"] / 60.0 + before.get("minutes", 0.0), 2),
+        } | ({"after": before} if before else {})
 
     def _learning_rate(self, _: float) -> float:
         return self.config.hyper["learning_rate"] * self._faded(self.config.final_learning_rate)
@@ -237,6 +261,22 @@ class Trainer:
     def _faded(self, final: float) -> float:
         """What is left now of something of which `final` is left at the end."""
         return 1.0 - (1.0 - final) * self._scheduled()
+
+
+def check_heir(config: TrainConfig, before: TrainConfig, path: Path) -> None:
+    """Can a run with one configuration begin with the networks of another?
+
+    Raises:
+        UserError: no; it names what differs.
+    """
+    ours, theirs = dataclasses.asdict(config), dataclasses.asdict(before)
+    for name in ("algorithm", "actor", "critic", "mirror"):
+        if ours[name] != theirs[name]:
+            raise UserError(f"{path} was learned with {name} {theirs[name]}, this run has {ours[name]}")
+    for name in ("robot", "pose", "action_scale"):
+        here, there = ours["env"][name], theirs["env"][name]
+        if here != there:
+            raise UserError(f"{path} was learned with {name} {there}, this run has {here}")
 
 
 def make_model(
@@ -341,15 +381,25 @@ def _deferred_interrupt(stop: Callable[[], None]) -> Iterator[None]:
 
 
 def train(
-    config: TrainConfig, path: str | Path, resume: bool = False, on_progress: Callable[[Progress], None] | None = None
+    config: TrainConfig,
+    path: str | Path,
+    resume: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+    after: str | Path | None = None,
 ) -> Trainer:
     """Run a training to its end, in a new folder or from the checkpoint of an old one.
 
+    Args:
+        after: a run folder whose networks a new run begins with.
+
     Raises:
-        UserError: the folder is not fit for it.
+        UserError: a folder is not fit for it.
     """
+    parent = RunFolder(after) if after else None
+    if parent:
+        check_heir(config, parent.config(), parent.path)
     folder = RunFolder(path) if resume else RunFolder.create(path, config)
-    trainer = Trainer(config, folder, resume, on_progress)
+    trainer = Trainer(config, folder, resume, on_progress, parent)
     trainer.run()
     return trainer
 

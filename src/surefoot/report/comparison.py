@@ -24,7 +24,7 @@ def side_by_side(evaluations: Sequence[Evaluation]) -> list[Table]:
     if main:
         found.append(tables.table_1(main, evaluations[0].robot))
     if len(evaluations) > 1:
-        found.append(seeds_table(evaluations))
+        found += [tables.worst_table({e.name: e.thresholds for e in evaluations}), seeds_table(evaluations)]
     studied = {name: thresholds for name, thresholds in main.items() if tables.has_table_4(name, thresholds)}
     found += [tables.table_4(studied, evaluations[0].robot), tables.published_table()]
     found.append(timing_table({e.name: e.timing for e in evaluations if e.timing}))
