@@ -266,6 +266,47 @@ def test_a_resumed_run_goes_on_where_it_was(algorithm: str, tmp_path: Path) -> N
     assert [row["steps"] for row in RunFolder(tmp_path / "run").curve()][-1] >= 1024
 
 
+def test_a_run_may_begin_with_the_networks_of_another(tmp_path: Path) -> None:
+    config = tiny("ddpg", average_steps=1000.0)
+    parent = train(config, tmp_path / "parent")
+    heir = Trainer(config, RunFolder.create(tmp_path / "heir", config), after=RunFolder(tmp_path / "parent"))
+    layers = zip(actor_layers(heir.model), actor_layers(parent.model), strict=True)
+    assert all(np.array_equal(ours, theirs) for pair in layers for ours, theirs in zip(*pair, strict=True))
+    assert heir.progress.steps == 0
+    heir.run()
+    assert heir.progress.steps == 512
+    record = load_policy(tmp_path / "heir").contract.training
+    assert record["policy_steps"] == 1024
+    assert record["after"] == {
+        "preset": "fast",
+        "seed": 0,
+        "policy_steps": 512,
+        "minutes": pytest.approx(parent.progress.seconds / 60.0, abs=0.01),
+    }
+    more = dataclasses.replace(config, steps=600)
+    resumed = Trainer(more, RunFolder(tmp_path / "heir"), resume=True)
+    resumed.run()
+    assert resumed.progress.steps >= 600
+    assert resumed._record()["after"] == record["after"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"algorithm": "trpo"}, "was learned with algorithm ddpg, this run has trpo"),
+        ({"actor": (10, 10)}, r"was learned with actor \(100, 50, 25\), this run has \(10, 10\)"),
+        ({"env": EnvConfig(pose="bent", action_scale=0.9)}, "was learned with action_scale 0.6, this run has 0.9"),
+    ],
+    ids=["algorithm", "layers", "action scale"],
+)
+def test_a_run_cannot_begin_with_networks_that_do_not_fit(change: dict, message: str, tmp_path: Path) -> None:
+    config = tiny("ddpg")
+    RunFolder.create(tmp_path / "parent", config)
+    with pytest.raises(UserError, match=message):
+        train(dataclasses.replace(config, **change), tmp_path / "heir", after=tmp_path / "parent")
+    assert not (tmp_path / "heir").exists()
+
+
 def test_an_interrupted_command_can_be_resumed(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "surefoot", "train", "--algorithm", "trpo", "--run", "run", "--minutes", "5"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)

@@ -52,7 +52,7 @@ class Train:
         with needs_torch():
             from surefoot.learning.config import preset
             from surefoot.learning.run_folder import RunFolder
-            from surefoot.learning.train import train, with_budget
+            from surefoot.learning.train import check_heir, train, with_budget
         check_positive("minutes", self.minutes)
         check_positive("steps", self.steps)
         check_not_negative("seed", self.seed)
@@ -64,6 +64,8 @@ class Train:
         else:
             config, folder = RunFolder(self.resume).config(), self.resume
             config = with_budget(config, self.minutes, self.steps, config.seed)
+        if self.after:
+            check_heir(config, RunFolder(self.after).config(), self.after)
         console.print(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
         console.print("the bar ends with the impulses about rejected now: forward/left/backward/right")
         try:
