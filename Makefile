@@ -48,17 +48,19 @@ results: $(READY)
 
 results-tables: $(READY)
 	for p in nominal $(ALGORITHMS); do \
-	    $(BIN)/surefoot evaluate $$p --directions 16 --results runs/results.sqlite \
+	    $(BIN)/surefoot evaluate $$p --suite paper --directions 16 --results runs/results.sqlite \
+	        --json results/evaluate-$$p.json \
 	        --export results/trials.parquet --export-thresholds results/thresholds.csv || exit 1; done
 	$(BIN)/surefoot pictures --policy best
 	$(MAKE) screenshots
 	$(BIN)/surefoot bench --json results/bench.json
 
-# What docs/controllers.md quotes: 20 minutes on two cores.
+# What docs/controllers.md quotes.
 CONTROLLERS := stand ankle hip wieber2006a wieber2006b stephens2010 urata2011
 results-controllers: $(READY)
 	for c in $(CONTROLLERS); do \
-	    $(BIN)/surefoot evaluate controllers/$$c --results runs/controllers.sqlite \
+	    $(BIN)/surefoot evaluate controllers/$$c --suite paper --results runs/controllers.sqlite \
+	        --json runs/controllers-$$c.json \
 	        --export-thresholds results/controllers.csv || exit 1; done
 
 # What docs/play.md and the README show of the live page; needs chromium.

@@ -299,6 +299,8 @@ def test_some_pushes_come_a_quarter_of_a_second_after_one_upwards(robot: Robot) 
     assert set(pushes.start[~lifted]) == {500}
     assert set(lifts.start[lifted]) == {500}
     assert (lifts.start[~lifted] > 10**9).all()  # none
+    size = np.linalg.norm(pushes.force, axis=1) * 0.12
+    np.testing.assert_allclose(size, np.where(lifted, 30.0, 60.0))
     impulse = lifts.force[lifted] * 0.12
     np.testing.assert_array_equal(impulse[:, :2], 0.0)
     assert 200.0 <= impulse[:, 2].min() < 230.0

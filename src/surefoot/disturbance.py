@@ -131,7 +131,7 @@ class DisturbanceConfig:
             begins at the range's upper end and rises while more are survived.
         max_impulse: where a curriculum ends [Ns].
         lift: range of a push upwards at the pelvis that comes first in some cases [Ns], uniform.
-        lift_share: in this share of the pushes.
+        lift_share: in this share of the pushes; the other one is then half as large as it was drawn.
         lift_gap: time from the push upwards to the other [s].
     """
 
@@ -220,15 +220,17 @@ class RandomPushes:
         horizontal(impulse)[:] = self._impulse[ids] * np.exp(1j * angle)
         body = self._body_ids[self.rng.integers(len(self._body_ids), size=n)]
         if self.config.lift_share and self.first_pushes:
-            start += self._lift(ids, start, self.first_pushes)
+            lifted = self._lift(ids, start, self.first_pushes)
+            start += lifted * round(self.config.lift_gap / CONTROL_DT)
+            impulse[lifted] *= 0.5
         self.pushes.schedule(ids, body, impulse, start, self.config.duration)
 
     def _lift(self, ids: np.ndarray, start: np.ndarray, pushes: Pushes) -> np.ndarray:
-        """Push some of the robots upwards at `start`; how much later the other push has to come (n,) [ticks]."""
+        """Push some of the robots upwards at `start`; which ones (n,)."""
         config = self.config
         lifted = self.rng.random(len(ids)) < config.lift_share
         up = self.rng.uniform(*config.lift, lifted.sum())[:, None] * np.array([0.0, 0.0, 1.0])
         pelvis = np.array([pushes.robot.body_id("pelvis")])
         pushes.cancel(ids)
         pushes.schedule(ids[lifted], pelvis, up, start[lifted], config.duration)
-        return lifted * round(config.lift_gap / CONTROL_DT)
+        return lifted

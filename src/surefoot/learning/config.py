@@ -127,11 +127,8 @@ _FAST_ENV = EnvConfig(
     power_knee=50.0,
     disturbance=DisturbanceConfig(impulse=(30.0, 300.0), first=(0.4, 3.4), interval=(2.4, 6.0)),
 )
-# TRPO and PPO: correlated exploration, an averaged actor and the knee were tried in a short run and held them back.
 _FAST_ON_POLICY_ENV = dataclasses.replace(
     _FAST_ENV,
-    power_weight=((0.0, 3e-4), (0.6, 3e-4), (0.9, 1e-3)),
-    power_knee=None,
     disturbance=DisturbanceConfig(impulse=(40.0, 240.0), first=(0.4, 3.4), interval=(2.4, 4.4), curriculum=0.6),
 )
 _FAST_ON_POLICY = {"n_steps": 32, "gamma": 0.97, "gae_lambda": 0.95}
@@ -147,13 +144,15 @@ _FAST = {
             "n_critic_updates": 2,
         },
         log_std=-0.8,
+        average_steps=100_000.0,
         mirror=True,
         env=_FAST_ON_POLICY_ENV,
     ),
     "ppo": TrainConfig(
         algorithm="ppo",
-        hyper={**_FAST_ON_POLICY, "batch_size": 2048, "n_epochs": 4, "learning_rate": 5e-4, "ent_coef": 0.001},
-        log_std=-0.8,
+        hyper={**_FAST_ON_POLICY, "batch_size": 2048, "n_epochs": 4, "learning_rate": 5e-4, "ent_coef": 0.0},
+        log_std=-1.4,
+        average_steps=100_000.0,
         mirror=True,
         env=_FAST_ON_POLICY_ENV,
     ),
@@ -204,7 +203,7 @@ _WIDE = {
 _STEADY_ENV = dataclasses.replace(
     _WIDE_ENV,
     power_weight=((0.0, 8e-3), (0.5, 1.2e-2)),
-    travel_weight=((0.0, 0.0), (0.5, 4.0)),
+    travel_weight=((0.0, 0.0), (0.3, 1.0)),
     drop_lean=0.35,
     disturbance=dataclasses.replace(
         _WIDE_ENV.disturbance,
@@ -212,15 +211,15 @@ _STEADY_ENV = dataclasses.replace(
         impulse=(10.0, 450.0),
         interval=(2.4, 9.0),
         lift=(200.0, 600.0),
-        lift_share=0.08,
+        lift_share=0.15,
     ),
 )
 _STEADY = {
     name: dataclasses.replace(
         config,
         preset="steady",
-        minutes=20.0,
-        schedule_minutes=20.0,
+        minutes=18.0,
+        schedule_minutes=18.0,
         env=_STEADY_ENV,
         hyper={**config.hyper, "learning_rate": 4e-4},
         final_learning_rate=0.25,
