@@ -244,6 +244,9 @@ def test_a_foot_that_travels_costs_its_speed(perfect: Ticks, altered: Callable[.
     charged, charged_means = reward.step_reward(moving, HEIGHT, 0.0, travel_weight=4.0)
     assert free[0] - charged[0] == pytest.approx(0.2)
     assert (means["foot_travel"], charged_means["foot_travel"]) == (0.0, pytest.approx(-2.0))
+    # With a knee at 0.1 m/s, 0.5 m/s counts as 0.1 ln(6) = 0.17918 m/s; times 4.
+    bent = reward.step_reward(moving, HEIGHT, 0.0, travel_weight=4.0, travel_knee=0.1)[1]
+    assert bent["foot_travel"] == pytest.approx(-0.71670, abs=1e-5)
 
 
 def still(ticks: Ticks) -> Ticks:

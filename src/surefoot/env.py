@@ -35,6 +35,7 @@ class EnvConfig:
         power_weight: penalty per watt, over the share of the training done.
         power_knee: from about this power on, more costs ever less [W]; see `reward.step_reward`.
         travel_weight: penalty per m/s of the feet's horizontal speeds, over the share of the training done.
+        travel_knee: from about this speed on, more costs ever less [m/s].
         disturbance: the pushes.
     """
 
@@ -49,6 +50,7 @@ class EnvConfig:
     power_weight: Schedule = ((0.0, 1e-4),)
     power_knee: float | None = None
     travel_weight: Schedule = ((0.0, 0.0),)
+    travel_knee: float | None = None
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
 
 
@@ -110,7 +112,12 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.random_pushes.advance(self.loop.tick)
         ticks = self.loop.step(actions)
         rewards, self.reward_means = reward.step_reward(
-            ticks, self.loop.nominal_com_height, self.power_weight, self.config.power_knee, self.travel_weight
+            ticks,
+            self.loop.nominal_com_height,
+            self.power_weight,
+            self.config.power_knee,
+            self.travel_weight,
+            self.config.travel_knee,
         )
         observations = self.loop.observation.astype(np.float32)
         terminated = ticks.non_foot_contact.any(axis=1) | self.loop.simulation.diverged

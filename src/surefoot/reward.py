@@ -107,6 +107,7 @@ def step_reward(
     power_weight: float,
     power_knee: float | None = None,
     travel_weight: float = 0.0,
+    travel_knee: float | None = None,
 ) -> tuple[np.ndarray, dict[str, float]]:
     """Reward of one policy step.
 
@@ -117,6 +118,7 @@ def step_reward(
             recovery of several kW not much more.
         travel_weight: penalty per m/s of both feet's horizontal speeds together, on the same scale, so that the robot
             steps only where it must.
+        travel_knee: the same for that speed [m/s].
 
     Returns:
         reward: (num_robots,).
@@ -130,8 +132,8 @@ def step_reward(
         [
             NO_FOOT_CONTACT * ticks.in_the_air.mean(axis=-1),
             NON_FOOT_CONTACT * ticks.non_foot_contact.mean(axis=-1),
-            -power_weight * _counted_power(ticks, power_knee).mean(axis=-1),
-            -travel_weight * _foot_speed(ticks),
+            -power_weight * _bent(ticks.power, power_knee).mean(axis=-1),
+            -travel_weight * _bent(_foot_speed(ticks), travel_knee),
         ]
     )
     reward = STEP_SCALE * (SCALE / _WEIGHT.sum() * (_WEIGHT @ terms) + penalties.sum(axis=0))
@@ -139,8 +141,8 @@ def step_reward(
     return reward, dict(zip(NAMES, means.tolist(), strict=True))
 
 
-def _counted_power(ticks: Ticks, knee: float | None) -> np.ndarray:
-    return ticks.power if knee is None else knee * np.log1p(ticks.power / knee)
+def _bent(value: np.ndarray, knee: float | None) -> np.ndarray:
+    return value if knee is None else knee * np.log1p(value / knee)
 
 
 def _foot_speed(ticks: Ticks) -> np.ndarray:

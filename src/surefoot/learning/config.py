@@ -203,7 +203,8 @@ _WIDE = {
 _STEADY_ENV = dataclasses.replace(
     _WIDE_ENV,
     power_weight=((0.0, 8e-3), (0.5, 1.2e-2)),
-    travel_weight=((0.0, 0.0), (0.3, 1.0)),
+    travel_weight=((0.0, 0.0), (0.3, 6.0)),
+    travel_knee=0.1,
     drop_lean=0.35,
     disturbance=dataclasses.replace(
         _WIDE_ENV.disturbance,
@@ -211,15 +212,15 @@ _STEADY_ENV = dataclasses.replace(
         impulse=(10.0, 450.0),
         interval=(2.4, 9.0),
         lift=(200.0, 600.0),
-        lift_share=0.15,
+        lift_share=0.1,
     ),
 )
 _STEADY = {
     name: dataclasses.replace(
         config,
         preset="steady",
-        minutes=18.0,
-        schedule_minutes=18.0,
+        minutes=16.0,
+        schedule_minutes=16.0,
         env=_STEADY_ENV,
         hyper={**config.hyper, "learning_rate": 4e-4},
         final_learning_rate=0.25,
