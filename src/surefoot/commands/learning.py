@@ -33,8 +33,7 @@ class Train:
     """trpo, ppo or ddpg."""
     preset: str = "fast"
     """fast (minutes on a laptop), wide (half an hour: larger pushes, on every body, and drops), steady (after a run of
-    wide: in the air, leaning, and without steps that are not needed) or paper (the paper's hyperparameters, pose and
-    pushes)."""
+    wide: standing still) or paper (the paper's hyperparameters, pose and pushes)."""
     run: Path | None = None
     """Folder of the run; runs/PRESET-ALGORITHM-SEED without it."""
     minutes: float | None = None
