@@ -150,8 +150,8 @@ _FAST = {
     ),
     "ppo": TrainConfig(
         algorithm="ppo",
-        hyper={**_FAST_ON_POLICY, "batch_size": 2048, "n_epochs": 4, "learning_rate": 5e-4, "ent_coef": 0.0},
-        log_std=-1.4,
+        hyper={**_FAST_ON_POLICY, "batch_size": 2048, "n_epochs": 8, "learning_rate": 5e-4, "ent_coef": 0.0},
+        log_std=-0.8,
         average_steps=100_000.0,
         mirror=True,
         env=_FAST_ON_POLICY_ENV,
