@@ -26,8 +26,10 @@ NUM_WHOLE = 40
 MIN_SHARE = 0.95
 NEIGHBOURS = 4
 MIN_NEIGHBOUR_SHARE = 0.90
-LOOK_AHEAD = 3
+LOOK_AHEAD = 12
 """Candidates that are judged at once while robots would stand idle otherwise."""
+NUM_AHEAD = 6
+"""Whole trials of a cell that is not yet the candidate, those first that rule it out soonest."""
 
 _MAX_FAILURES = int((1.0 - MIN_SHARE) * NUM_WHOLE + 1e-9)
 
@@ -244,8 +246,11 @@ class _Climb:
         self.whole: dict[int, list[bool]] = {}
         self._num_sampling = 0
         self._to_sample: deque[tuple[int, int]] = deque()
-        self._to_judge: dict[int, deque[int]] = {}
+        self._to_judge: dict[int, list[int]] = {}
+        self._num_failures = [0] * NUM_WHOLE
+        """By seed, of whole trials at any cell."""
         self._candidate: int | None = None
+        self._found_candidates: list[int] | None = None
         for cell in range(1, self.top):
             for seed in range(NUM_SAMPLED):
                 known = recall(line.trial(cell, seed, whole=False))
@@ -270,13 +275,14 @@ class _Climb:
         """The next trial; with `ahead`, one that is only needed if the candidate turns out not to hold."""
         if self._candidate is None:
             return None if ahead else self._next_sample()
+        num_left_out = NUM_WHOLE - NUM_AHEAD if ahead else 0
         for cell in self._candidates()[1 if ahead else 0 : LOOK_AHEAD if ahead else 1]:
             if cell not in self._to_judge:
                 self._begin_candidate(cell)
                 if cell == self._candidate and self._descend():
                     return self.next(ahead)
-            if self._to_judge[cell]:
-                return self._ask(cell, self._to_judge[cell].popleft(), whole=True)
+            if len(self._to_judge[cell]) > num_left_out:
+                return self._ask(cell, self._take_seed(cell), whole=True)
         return None
 
     def _next_sample(self) -> _Ask | None:
@@ -287,33 +293,43 @@ class _Climb:
                 return self._ask(cell, seed, whole=False)
         if self._num_sampling:
             return None
-        self._candidate = self._next_candidate(self.top)
+        self._candidate, self._found_candidates = self._next_candidate(self.top), None
         return self.next(ahead=False)
 
     def _ask(self, cell: int, seed: int, whole: bool) -> _Ask:
         return _Ask(self.line.trial(cell, seed, whole), cell, whole)
 
     def _candidates(self) -> list[int]:
-        """The candidate, and who comes next should it not hold; none once it does."""
-        cells: list[int] = []
-        cell = self._candidate or 0
-        while cell > 0 and len(cells) < LOOK_AHEAD and self._undecided(self._candidate or 0):
-            cells.append(cell)
-            cell = self._next_candidate(cell - 1)
-        return cells
+        """The candidate, and who comes next should it not hold; none once it does. The same until a report."""
+        if self._found_candidates is None:
+            cells: list[int] = []
+            self._found_candidates = cells
+            cell = self._candidate or 0
+            while cell > 0 and len(cells) < LOOK_AHEAD and self._undecided(self._candidate or 0):
+                cells.append(cell)
+                cell = self._next_candidate(cell - 1)
+        return self._found_candidates
 
     def _undecided(self, cell: int) -> bool:
         return cell > 0 and len(self.whole.get(cell, [])) < NUM_WHOLE
 
+    def _take_seed(self, cell: int) -> int:
+        """The next one of a candidate: first those that failed most elsewhere, for they rule it out soonest."""
+        seed = max(self._to_judge[cell], key=lambda seed: (self._num_failures[seed], -seed))
+        self._to_judge[cell].remove(seed)
+        return seed
+
     def _begin_candidate(self, cell: int) -> None:
+        self._found_candidates = None
         outcomes = self.whole.setdefault(cell, [])
-        self._to_judge[cell] = deque()
+        self._to_judge[cell] = []
         for seed in range(NUM_WHOLE):
             known = self._recall(self.line.trial(cell, seed, whole=True))
             if known is None:
                 self._to_judge[cell].append(seed)
             else:
                 outcomes.append(self.line.succeeded(known))
+                self._num_failures[seed] += not outcomes[-1]
 
     def wants(self, ask: _Ask) -> bool:
         """Not the trials of a candidate that was left, nor those above where cells give way."""
@@ -324,8 +340,10 @@ class _Climb:
 
     def report(self, ask: _Ask, outcome: Outcome) -> None:
         succeeded = self.line.succeeded(outcome)
+        self._found_candidates = None
         if ask.whole:
             self.whole[ask.cell].append(succeeded)
+            self._num_failures[ask.trial.seed] += not succeeded
             self._descend()
         else:
             self._num_sampling -= 1
@@ -357,6 +375,7 @@ class _Climb:
         before = self._candidate
         while self._candidate and self.whole.get(self._candidate, []).count(False) > _MAX_FAILURES:
             self._candidate = self._next_candidate(self._candidate - 1)
+            self._found_candidates = None
         return self._candidate != before
 
     def _next_candidate(self, cell: int) -> int:
