@@ -121,7 +121,7 @@ def test_seeds_that_failed_elsewhere_are_tried_first() -> None:
     assert [t.size for t in arena.thresholds] == [12.0]
     judged = [cell_of(trial) for trial in arena.begun if trial.whole]
     # In order the third weak seed would be the 37th trial of each of the cells 40 to 3: 38 * 37 = 1406 trials.
-    assert len(judged) < 1000
+    assert len(judged) < 600
     assert judged.count(2) == 40
 
 
@@ -274,10 +274,10 @@ def test_idle_robots_judge_the_next_candidates_by_six_trials_each() -> None:
 
     arena = Arena([FORWARD], by_rule(fails), num_slots=192)
     assert [threshold.size for threshold in arena.thresholds] == [102.0]
-    # 40 trials of the candidate first; then six of each of the eleven below it.
-    first = [cell_of(trial) for trial in arena.begun if trial.whole][:106]
-    assert first == [21] * 40 + [cell for cell in range(20, 9, -1) for _ in range(6)]
-    assert arena.most[21] == 40
+    # Six trials of the candidate first; then six of each of the eleven below it.
+    first = [cell_of(trial) for trial in arena.begun if trial.whole][:72]
+    assert first == [cell for cell in range(21, 9, -1) for _ in range(6)]
+    assert arena.most[21] == 6
 
 
 def test_robots_that_are_needed_elsewhere_do_not_look_ahead() -> None:

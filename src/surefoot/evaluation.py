@@ -28,8 +28,8 @@ NEIGHBOURS = 4
 MIN_NEIGHBOUR_SHARE = 0.90
 LOOK_AHEAD = 12
 """Candidates that are judged at once while robots would stand idle otherwise."""
-NUM_AHEAD = 6
-"""Whole trials of a cell that is not yet the candidate, those first that rule it out soonest."""
+NUM_FIRST = 6
+"""Whole trials of a cell that come first, of seeds that rule it out soonest; the others only of the candidate."""
 
 _MAX_FAILURES = int((1.0 - MIN_SHARE) * NUM_WHOLE + 1e-9)
 
@@ -275,13 +275,13 @@ class _Climb:
         """The next trial; with `ahead`, one that is only needed if the candidate turns out not to hold."""
         if self._candidate is None:
             return None if ahead else self._next_sample()
-        num_left_out = NUM_WHOLE - NUM_AHEAD if ahead else 0
         for cell in self._candidates()[1 if ahead else 0 : LOOK_AHEAD if ahead else 1]:
             if cell not in self._to_judge:
                 self._begin_candidate(cell)
                 if cell == self._candidate and self._descend():
                     return self.next(ahead)
-            if len(self._to_judge[cell]) > num_left_out:
+            num_asked, num_known = NUM_WHOLE - len(self._to_judge[cell]), len(self.whole[cell])
+            if num_asked < NUM_FIRST or (not ahead and num_known >= NUM_FIRST and num_asked < NUM_WHOLE):
                 return self._ask(cell, self._take_seed(cell), whole=True)
         return None
 

@@ -123,7 +123,7 @@ class Results:
     def __init__(self, path: str | Path):
         self.path = Path(path)
         try:
-            self._db = sqlite3.connect(path)
+            self._db = sqlite3.connect(path, timeout=60.0)
             version = self._db.execute("PRAGMA user_version").fetchone()[0]
             tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if tables and version != SCHEMA:
