@@ -207,7 +207,7 @@ def test_the_paper_preset_has_the_papers_hyperparameters() -> None:
 def test_unknown_names_are_named_with_the_valid_ones() -> None:
     with pytest.raises(UserError, match="unknown algorithm 'sac'; valid: trpo, ppo, ddpg"):
         preset("fast", "sac")
-    with pytest.raises(UserError, match="unknown preset 'slow'; valid: paper, fast, wide"):
+    with pytest.raises(UserError, match="unknown preset 'slow'; valid: paper, fast, wide, steady"):
         preset("slow", "ppo")
 
 
