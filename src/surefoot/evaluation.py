@@ -375,7 +375,6 @@ class _Climb:
         before = self._candidate
         while self._candidate and self.whole.get(self._candidate, []).count(False) > _MAX_FAILURES:
             self._candidate = self._next_candidate(self._candidate - 1)
-            self._found_candidates = None
         return self._candidate != before
 
     def _next_candidate(self, cell: int) -> int:

@@ -133,7 +133,7 @@ def step_reward(
             NO_FOOT_CONTACT * ticks.in_the_air.mean(axis=-1),
             NON_FOOT_CONTACT * ticks.non_foot_contact.mean(axis=-1),
             -power_weight * _bent(ticks.power, power_knee).mean(axis=-1),
-            -travel_weight * _bent(_foot_speed(ticks), travel_knee),
+            -travel_weight * _bent(_foot_speed(ticks), travel_knee) if travel_weight else np.zeros(terms.shape[1]),
         ]
     )
     reward = STEP_SCALE * (SCALE / _WEIGHT.sum() * (_WEIGHT @ terms) + penalties.sum(axis=0))
