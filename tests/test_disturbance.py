@@ -307,6 +307,68 @@ def test_some_pushes_come_a_quarter_of_a_second_after_one_upwards(robot: Robot) 
     assert 470.0 < impulse[:, 2].max() <= 500.0
 
 
+def test_a_share_of_the_pushes_is_small(robot: Robot) -> None:
+    n = 2000
+    _, pushes = random_pushes(robot, n, impulse=(100.0, 400.0), small=(6.0, 90.0), small_share=0.25)
+    size = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
+    small = size < 95.0
+    assert small.mean() == pytest.approx(0.25, abs=4 * np.sqrt(0.25 * 0.75 / n))
+    # Uniform over 84 Ns: the mean is 48, its deviation 84 / sqrt(12 * 500) = 1.1.
+    assert size[small].mean() == pytest.approx(48.0, abs=4 * 1.1)
+    assert size[~small].min() > 100.0
+
+
+def test_the_latest_push_is_the_one_that_has_begun(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 2, impulse=(60.0, 60.0), first=(1.0, 1.0), interval=(4.0, 4.0))
+    pushes.start[1] = 900
+    impulse, since = random.latest(np.array([520, 520]))
+    np.testing.assert_allclose(impulse, [60.0, 0.0])  # the second robot waits for its first one
+    np.testing.assert_array_equal(since, [20, 520])
+    random.advance(np.array([1600, 1600]))  # robot 0's next push is drawn for tick 2500
+    assert pushes.start[0] == 2500
+    np.testing.assert_array_equal(random.latest(np.array([1620, 1620]))[1], [1120, 720])
+    random.reset(np.array([0]))
+    np.testing.assert_allclose(random.latest(np.array([0, 1640]))[0], [0.0, 60.0])
+
+
+def test_pushes_with_a_push_upwards_count_as_larger_than_any(robot: Robot) -> None:
+    pushes, lifts = Pushes(robot, 8), Pushes(robot, 8)
+    config = DisturbanceConfig(impulse=(60.0, 60.0), first=(1.0, 1.0), lift=(200.0, 500.0), lift_share=0.5)
+    random = RandomPushes(config, pushes, np.random.default_rng(0), lifts)
+    random.reset(np.arange(8))
+    lifted = pushes.start > 500
+    assert 0 < lifted.sum() < 8
+    np.testing.assert_array_equal(random.latest(np.full(8, 700))[0], np.where(lifted, np.inf, 60.0))
+
+
+def test_pushes_with_a_focus_go_where_robots_sometimes_fall(robot: Robot) -> None:
+    n = 2000
+    random, pushes = random_pushes(robot, n, bodies=("torso",), impulse=(30.0, 300.0), focus=0.5)
+    random.fallen_share[:] = 0.0
+    # All fall where the weight f (1 - f) is 0 too; sometimes at 120 to 150 Ns about 45 degrees to either side.
+    random.fallen_share[6], random.fallen_share[2, 4] = 1.0, 0.3
+    random.reset(np.arange(n))
+    aimed = pushes.body == robot.body_id("pelvis")
+    assert aimed.mean() == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n))
+    x, y, _ = pushes.force[aimed].T * PUSH_DURATION
+    assert 120.0 <= np.hypot(x, y).min() < np.hypot(x, y).max() <= 150.0
+    degrees = np.degrees(np.arctan2(y, x))
+    assert np.abs(np.abs(degrees) - 45.0).max() <= 11.25 + 1e-9
+    assert np.mean(degrees > 0.0) == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n / 2))
+
+
+def test_falls_are_counted_with_the_mirror_image_and_forgotten_slowly(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 1, impulse=(30.0, 300.0), focus=1.0)
+    random.fallen_share[:] = 0.0
+    random.fallen_share[4, 2] = 0.5
+    random.reset(np.array([0]))  # 60 to 90 Ns to one side, sector 4 or 12
+    random.fell(np.array([0]), pushes.start + 100)
+    assert random.fallen_share[4, 2] == pytest.approx(0.95 * 0.5 + 0.05)
+    random.advance(pushes.start + 1000)  # and survived
+    assert random.fallen_share[4, 2] == pytest.approx(0.95 * (0.95 * 0.5 + 0.05))
+    assert np.count_nonzero(random.fallen_share) == 1
+
+
 # Curriculum.
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from surefoot.disturbance import DisturbanceConfig
+from surefoot.disturbance import PUSH_DURATION, DisturbanceConfig
 from surefoot.env import EnvConfig, PushRecoveryVectorEnv
 from surefoot.errors import UserError
 
@@ -275,6 +275,68 @@ def test_power_is_paid_for_by_its_weight() -> None:
     # The motion is the same: the rewards differ by 0.1 * weight * watts.
     assert rewards[1] - rewards[0] == pytest.approx(0.1 * power, rel=1e-9)
     assert power < -1e-3
+
+
+@pytest.mark.parametrize(("impulse", "price"), [(40.0, 1.0), (90.0, 0.5), (200.0, 0.0)])
+def test_foot_travel_costs_after_small_pushes_and_is_free_for_a_while_after_large_ones(
+    impulse: float, price: float
+) -> None:
+    """Free from 60 to 120 Ns on: 90 Ns is half way."""
+    push = DisturbanceConfig(impulse=(impulse, impulse), first=(0.4, 0.4))
+    env = make_env(
+        1, pose="bent", disturbance=push, travel_weight=((0.0, 2.0),), travel_free=(60.0, 120.0), travel_free_s=0.5
+    )
+    env.reset(seed=0)
+    paid = []
+    for _ in range(24):
+        env.step(np.zeros((1, 11)))
+        paid.append(float(np.asarray(env._travel_price())[0]))
+    # Steps of 0.04 s: before the push at 0.4 s all costs; from its first step on the share; 0.5 s later all again.
+    np.testing.assert_allclose(paid[:10], 2.0)
+    np.testing.assert_allclose(paid[10:22], 2.0 * price)
+    np.testing.assert_allclose(paid[22:], 2.0)
+
+
+def test_foot_travel_is_free_after_a_drop_and_to_robots_with_noise() -> None:
+    free = {"travel_weight": ((0.0, 2.0),), "travel_free": (60.0, 120.0), "disturbance": NO_PUSH}
+    for config in ({"drop_share": 1.0, "drop_height": (0.1, 0.1)}, {"noise_share": 1.0, "action_noise": 0.1}):
+        env = make_env(2, **free, **config)
+        env.reset(seed=0)
+        env.step(np.zeros((2, 11)))
+        np.testing.assert_array_equal(env._travel_price(), 0.0)
+
+
+def test_a_share_of_the_episodes_has_noise_of_any_size_up_to_the_largest() -> None:
+    n = 400
+    env = make_env(n, pose="bent", disturbance=NO_PUSH, noise_share=0.25, observation_noise=0.4, action_noise=0.1)
+    env.reset(seed=0)
+    noisy = env.loop.imperfect
+    assert noisy.mean() == pytest.approx(0.25, abs=4 * np.sqrt(0.25 * 0.75 / n))
+    sizes = env.loop._action_noise._std
+    np.testing.assert_array_equal(sizes > 0.0, noisy)
+    np.testing.assert_allclose(env.loop._observation_noise._std, 4.0 * sizes)
+    # Uniform up to 0.1: mean 0.05, its deviation over 100 draws 0.1 / sqrt(12 * 100) = 0.003.
+    assert sizes[noisy].mean() == pytest.approx(0.05, abs=4 * 0.003)
+
+
+def test_the_next_push_is_told_from_a_second_before_it_to_its_end_in_the_robots_heading() -> None:
+    env = make_env(1, pose="bent", disturbance=DisturbanceConfig(impulse=(100.0, 100.0), first=(2.0, 2.0)))
+    env.reset(seed=0)
+    pushes, loop = env.loop.pushes, env.loop
+    pushes.force[:] = [0.0, 100.0 / PUSH_DURATION, 0.0]  # to the left
+    # Half a second before it: half near, of 100 / 200; in its middle, 30 of its 60 ticks are left.
+    for tick, expected in (
+        (400, [0.0, 0.0, 0.0, 0.0]),
+        (750, [0.5, 0.25, 0.0, 0.25]),
+        (1000, [1.0, 0.5, 0.0, 0.5]),
+        (1030, [1.0, 0.25, 0.0, 0.25]),
+        (1060, [0.0, 0.0, 0.0, 0.0]),
+    ):
+        loop.tick[:] = tick
+        np.testing.assert_allclose(env.next_push(), [expected], atol=1e-12)
+    loop.tick[:] = 1000
+    env._heading[:] = 1j  # the robot faces left: the push comes along its x
+    np.testing.assert_allclose(env.next_push(), [[1.0, 0.5, 0.5, 0.0]], atol=1e-12)
 
 
 def test_pushes_of_the_config_reach_the_robot() -> None:

@@ -53,6 +53,7 @@ class ControlLoop:
         pushes: the robots' current pushes, to be scheduled by the caller.
         first_pushes: pushes that come before, or at the same time.
         tick: ticks since each robot's reset, (num_robots,).
+        imperfect: which robots have imperfections, bool (num_robots,).
         nominal_com_height: height of the CoM above the soles in the nominal pose [m].
     """
 
@@ -80,7 +81,7 @@ class ControlLoop:
         self._action_noise = Noise(num_robots)
         self._bias = np.zeros((num_robots, len(self._scales)))
         self._delay = Delay(num_robots, TICKS_PER_STEP, robot.num_joints)
-        self._imperfect = np.zeros(num_robots, bool)
+        self.imperfect = np.zeros(num_robots, bool)
         start = self.reset(np.arange(num_robots), self._target)
         self.nominal_com_height = float(start.com_height[0, 0])
 
@@ -92,7 +93,7 @@ class ControlLoop:
     def observe(self, rows: np.ndarray | slice) -> np.ndarray:
         """The same of some robots only."""
         vector = observation.from_blocks(self._filter.output[rows], self.robot)
-        return vector + self._errors.output[rows] if self._imperfect.any() else vector
+        return vector + self._errors.output[rows] if self.imperfect.any() else vector
 
     def reset(self, ids: np.ndarray, joint_position: np.ndarray, **stance: np.ndarray | float) -> Ticks:
         """Put perfect robots `ids` (n,) at rest and without a push; `stance` as for `Simulation.reset`."""
@@ -102,9 +103,9 @@ class ControlLoop:
         self.tick[ids] = 0
         self.pushes.cancel(ids)
         self.first_pushes.cancel(ids)
-        if self._imperfect.any():
+        if self.imperfect.any():
             self._errors.reset(ids, np.zeros((len(ids), len(self._scales))))
-            self._imperfect[ids] = False
+            self.imperfect[ids] = False
         return start
 
     def spoil(self, robot: int, imperfections: Imperfections, seed: int) -> None:
@@ -114,7 +115,7 @@ class ControlLoop:
         self._observation_noise.reset(robot, imperfections.observation_noise, observation_noise)
         self._action_noise.reset(robot, imperfections.action_noise, action_noise)
         self._delay.reset(robot, round(imperfections.latency * CONTROL_HZ), self._target[robot])
-        self._imperfect[robot] = imperfections != PERFECT
+        self.imperfect[robot] = imperfections != PERFECT
         self._errors.reset(np.array([robot]), self._bias[None, robot])
 
     def step(self, actions: np.ndarray, ids: np.ndarray | None = None) -> Ticks:
@@ -166,7 +167,7 @@ class ControlLoop:
         self._errors([self._observation_noise.add(ids, bias)], ids)
 
     def _imperfect_rows(self, rows: np.ndarray | slice) -> np.ndarray | None:
-        found = np.flatnonzero(self._imperfect[rows])
+        found = np.flatnonzero(self.imperfect[rows])
         return found if len(found) else None
 
     def _ids(self, rows: np.ndarray | slice, some: np.ndarray) -> np.ndarray:

@@ -133,6 +133,10 @@ class DisturbanceConfig:
         lift: range of a push upwards at the pelvis that comes first in some cases [Ns], uniform.
         lift_share: in this share of the pushes; the other one is then half as large as it was drawn.
         lift_gap: time from the push upwards to the other [s].
+        small: range of the pushes that are to be answered without a step [Ns], uniform.
+        small_share: in this share of the pushes.
+        focus: share of the pushes that go to the pelvis with directions and impulses of which robots sometimes fall:
+            drawn in proportion to f (1 - f), where f is the share of late that fell.
     """
 
     bodies: tuple[str, ...] = ("pelvis",)
@@ -145,6 +149,9 @@ class DisturbanceConfig:
     lift: tuple[float, float] = (0.0, 0.0)
     lift_share: float = 0.0
     lift_gap: float = 0.24
+    small: tuple[float, float] = (0.0, 0.0)
+    small_share: float = 0.0
+    focus: float = 0.0
 
 
 class RandomPushes:
@@ -158,6 +165,7 @@ class RandomPushes:
 
     Attributes:
         ceiling: largest impulse drawn per sector of directions, (NUM_SECTORS,) [Ns], counter-clockwise from +x.
+        fallen_share: of late, of pushes to the pelvis by sector from forward to backward and step of impulse.
     """
 
     NUM_SECTORS = 16
@@ -165,6 +173,10 @@ class RandomPushes:
     """How fast a curriculum moves [Ns per push]."""
     HARD = 0.7
     """Pushes above this share of the ceiling move it."""
+    IMPULSE_STEP = 30.0
+    """Falls are counted by sector, a side and its mirror image together, and by steps of impulse [Ns]."""
+    FORGET = 0.05
+    """What one more push changes in the share of falls."""
     SURVIVED_S = 2.0
     """A push is survived when the robot has not fallen for so long after its start."""
 
@@ -183,12 +195,20 @@ class RandomPushes:
         self._body_ids = np.array([pushes.robot.body_id(body) for body in config.bodies])
         self._sector = np.zeros(len(pushes.start), np.int64)
         self._impulse = np.zeros(len(pushes.start))
+        self._lifted = np.zeros(len(pushes.start), bool)
+        self._pelvis = pushes.robot.body_id("pelvis")
+        num_steps = int(np.ceil(config.impulse[1] / self.IMPULSE_STEP))
+        self.fallen_share = np.full((self.NUM_SECTORS // 2 + 1, num_steps), 0.5)
+        self._latest_impulse = np.zeros(len(pushes.start))
+        self._latest_start = np.zeros(len(pushes.start), np.int64)
         # The next push is drawn in good time before it may begin.
         survived = round(min(self.SURVIVED_S, config.interval[0]) / CONTROL_DT) - TICKS_PER_STEP
         self._survived_ticks = max(survived, round(config.duration / CONTROL_DT))
 
     def reset(self, ids: np.ndarray) -> None:
         """Robots `ids` begin an episode."""
+        self._latest_impulse[ids] = 0.0
+        self._latest_start[ids] = 0
         self._draw(ids, np.zeros(len(ids), np.int64), self.config.first)
 
     def advance(self, tick: np.ndarray) -> None:
@@ -196,11 +216,26 @@ class RandomPushes:
         over = np.flatnonzero(self.pushes.start + self._survived_ticks <= tick)
         if len(over):
             self._move_ceiling(over, survived=True)
+            self._count_falls(over, fell=False)
             self._draw(over, self.pushes.start[over], self.config.interval)
+
+    def latest(self, tick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The push that began last, before `tick` (N,) since each robot's reset.
+
+        Returns:
+            impulse: (N,) [Ns], infinite if it came with a push upwards, 0 if none began.
+            since: (N,) ticks since its start, or since the reset.
+        """
+        begun = self.pushes.start < tick
+        self._latest_impulse[begun] = np.where(self._lifted, np.inf, self._impulse)[begun]
+        self._latest_start[begun] = self.pushes.start[begun]
+        return self._latest_impulse, tick - self._latest_start
 
     def fell(self, ids: np.ndarray, tick: np.ndarray) -> None:
         """Robots `ids` (n,) have fallen at `tick` (n,) since their reset."""
-        self._move_ceiling(ids[self.pushes.start[ids] < tick], survived=False)
+        pushed = ids[self.pushes.start[ids] < tick]
+        self._move_ceiling(pushed, survived=False)
+        self._count_falls(pushed, fell=True)
 
     def _move_ceiling(self, ids: np.ndarray, survived: bool) -> None:
         if self.config.curriculum is None:
@@ -209,21 +244,50 @@ class RandomPushes:
         np.add.at(self.ceiling, self._sector[hard], self.STEP * (survived - self.config.curriculum))
         np.clip(self.ceiling, self.config.impulse[1], self.config.max_impulse, out=self.ceiling)
 
+    def _count_falls(self, ids: np.ndarray, fell: bool) -> None:
+        if not self.config.focus:
+            return
+        for i in ids[(self.pushes.body[ids] == self._pelvis) & ~self._lifted[ids]]:
+            sector = min(self._sector[i], self.NUM_SECTORS - self._sector[i])
+            step = min(int(self._impulse[i] / self.IMPULSE_STEP), self.fallen_share.shape[1] - 1)
+            self.fallen_share[sector, step] += self.FORGET * (fell - self.fallen_share[sector, step])
+
+    def _where_some_fall(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """Directions (n,) [rad] and impulses (n,) [Ns] of which robots sometimes fall."""
+        weight = (self.fallen_share * (1.0 - self.fallen_share)).ravel()
+        sector, step = np.divmod(self.rng.choice(weight.size, n, p=weight / weight.sum()), self.fallen_share.shape[1])
+        angle = (sector + self.rng.uniform(-0.5, 0.5, n)) * (2.0 * np.pi / self.NUM_SECTORS)
+        impulse = np.clip((step + self.rng.random(n)) * self.IMPULSE_STEP, *self.config.impulse)
+        return angle * self.rng.choice([-1.0, 1.0], n) % (2.0 * np.pi), impulse
+
     def _draw(self, ids: np.ndarray, since: np.ndarray, wait: tuple[float, float]) -> None:
         n = len(ids)
         start = since + np.rint(self.rng.uniform(*wait, n) / CONTROL_DT).astype(np.int64)
         angle = self.rng.uniform(0.0, 2.0 * np.pi, n)
-        # Sectors are centred on the main directions.
-        self._sector[ids] = np.rint(angle / (2.0 * np.pi) * self.NUM_SECTORS).astype(np.int64) % self.NUM_SECTORS
-        self._impulse[ids] = self.rng.uniform(self.config.impulse[0], self.ceiling[self._sector[ids]])
-        impulse = np.zeros((n, 3))
-        horizontal(impulse)[:] = self._impulse[ids] * np.exp(1j * angle)
+        self._sector[ids] = self._to_sector(angle)
+        size = self.rng.uniform(self.config.impulse[0], self.ceiling[self._sector[ids]])
         body = self._body_ids[self.rng.integers(len(self._body_ids), size=n)]
+        if self.config.small_share:
+            small = self.rng.random(n) < self.config.small_share
+            size[small] = self.rng.uniform(*self.config.small, small.sum())
+        if self.config.focus:
+            aimed = self.rng.random(n) < self.config.focus
+            angle[aimed], size[aimed] = self._where_some_fall(aimed.sum())
+            self._sector[ids] = self._to_sector(angle)
+            body[aimed] = self._pelvis
+        self._impulse[ids] = size
+        impulse = np.zeros((n, 3))
+        horizontal(impulse)[:] = size * np.exp(1j * angle)
         if self.config.lift_share and self.first_pushes:
             lifted = self._lift(ids, start, self.first_pushes)
             start += lifted * round(self.config.lift_gap / CONTROL_DT)
             impulse[lifted] *= 0.5
+            self._lifted[ids] = lifted
         self.pushes.schedule(ids, body, impulse, start, self.config.duration)
+
+    def _to_sector(self, angle: np.ndarray) -> np.ndarray:
+        """Sectors are centred on the main directions."""
+        return np.rint(angle / (2.0 * np.pi) * self.NUM_SECTORS).astype(np.int64) % self.NUM_SECTORS
 
     def _lift(self, ids: np.ndarray, start: np.ndarray, pushes: Pushes) -> np.ndarray:
         """Push some of the robots upwards at `start`; which ones (n,)."""

@@ -10,10 +10,16 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from surefoot import observation, reward
-from surefoot.control import ControlLoop
+from surefoot.control import ControlLoop, Imperfections
 from surefoot.disturbance import DisturbanceConfig, RandomPushes
 from surefoot.robot import load_robot
 from surefoot.simulation import CONTROL_HZ, POLICY_HZ
+
+FORESEEN_UNIT = 200.0
+"""Of the impulse in `PushRecoveryVectorEnv.next_push` [Ns]."""
+FORESEEN_SIGNS = (1.0, 1.0, 1.0, -1.0)
+"""What left and right exchanged do to it."""
+NUM_FORESEEN = len(FORESEEN_SIGNS)
 
 Schedule = tuple[tuple[float, float], ...]
 """Knots (share of the training done, value), linear between them."""
@@ -36,6 +42,11 @@ class EnvConfig:
         power_knee: from about this power on, more costs ever less [W]; see `reward.step_reward`.
         travel_weight: penalty per m/s of the feet's horizontal speeds, over the share of the training done.
         travel_knee: from about this speed on, more costs ever less [m/s].
+        travel_free: range of the last push's impulse over which foot travel becomes free [Ns]: a small push is to be
+            answered without a step, a large one may cost any number; without it, travel always costs. It is free too
+        travel_free_s: for so long after a large push or a drop [s], and to robots with noise.
+        noise_share: share of the episodes with noise, of a size that is uniform up to
+        observation_noise, action_noise: standard deviations, see `Imperfections`.
         disturbance: the pushes.
     """
 
@@ -51,6 +62,11 @@ class EnvConfig:
     power_knee: float | None = None
     travel_weight: Schedule = ((0.0, 0.0),)
     travel_knee: float | None = None
+    travel_free: tuple[float, float] | None = None
+    travel_free_s: float = 3.0
+    noise_share: float = 0.0
+    observation_noise: float = 0.0
+    action_noise: float = 0.0
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
 
 
@@ -84,6 +100,8 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.max_ticks = round(config.episode_s * CONTROL_HZ)
         self.set_progress(0.0)
         self.reward_means: dict[str, float] = {}
+        self._dropped = np.zeros(num_envs, bool)
+        self._heading = np.ones(num_envs, complex)
         self._seed(None)
 
     def _seed(self, seed: int | None) -> None:
@@ -116,22 +134,50 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
             self.loop.nominal_com_height,
             self.power_weight,
             self.config.power_knee,
-            self.travel_weight,
+            self._travel_price(),
             self.config.travel_knee,
         )
+        self._heading = ticks.heading[:, -1].copy()
         observations = self.loop.observation.astype(np.float32)
         terminated = ticks.non_foot_contact.any(axis=1) | self.loop.simulation.diverged
         truncated = (self.loop.tick >= self.max_ticks) & ~terminated
         info: dict[str, Any] = {}
         done = terminated | truncated
         if done.any():
-            info = {"final_obs": observations.copy(), "_final_obs": done}
+            info = {"final_obs": observations.copy(), "_final_obs": done, "final_push": self.next_push()}
             fallen = np.flatnonzero(terminated)
             self.random_pushes.fell(fallen, self.loop.tick[fallen])
             ids = np.flatnonzero(done)
             self._reset(ids)
             observations[ids] = self.loop.observe(ids)
         return observations, rewards, terminated, truncated, info
+
+    def next_push(self) -> np.ndarray:
+        """What a critic may know of the push to come or under way, and a policy may not: (N, 4) float64.
+
+        How near it is, from 0 (a second away, or over) to 1 (under way); times how much of its impulse is left, in
+        units of 200 Ns; the same along x and y of the heading frame.
+        """
+        pushes, tick = self.loop.pushes, self.loop.tick
+        left = np.clip(
+            (pushes.end - np.maximum(tick, pushes.start)) / np.maximum(pushes.end - pushes.start, 1), 0.0, 1.0
+        )
+        near = np.clip(1.0 - (pushes.start - tick) / CONTROL_HZ, 0.0, 1.0) * (left > 0.0)
+        seconds = self.config.disturbance.duration
+        impulse = seconds / FORESEEN_UNIT * (pushes.force[:, 0] + 1j * pushes.force[:, 1]) * self._heading.conj()
+        impulse *= near * left
+        return np.stack([near, np.abs(impulse), impulse.real, impulse.imag], axis=1)
+
+    def _travel_price(self) -> np.ndarray | float:
+        """Penalty per m/s of the feet, for each robot if it depends on the last push: (N,)."""
+        if not self.travel_weight or self.config.travel_free is None:
+            return self.travel_weight
+        impulse, since = self.random_pushes.latest(self.loop.tick)
+        free = np.interp(impulse, self.config.travel_free, (0.0, 1.0))
+        free[self._dropped & (impulse == 0.0)] = 1.0
+        free[since > self.config.travel_free_s * CONTROL_HZ] = 0.0
+        free[self.loop.imperfect] = 1.0
+        return self.travel_weight * (1.0 - free)
 
     def _reset(self, ids: np.ndarray) -> None:
         rng, config, n = self.generator, self.config, len(ids)
@@ -141,7 +187,19 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         height = dropped * rng.uniform(*config.drop_height, n)
         lean = dropped * rng.uniform(0.0, config.drop_lean, n) * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, n))
         self.loop.reset(ids, joints, height=height, roll=lean.real, pitch=lean.imag)
+        self._dropped[ids] = dropped
+        self._heading[ids] = 1.0
+        if config.noise_share:
+            self._spoil(ids[rng.random(n) < config.noise_share])
         self.random_pushes.reset(ids)
+
+    def _spoil(self, ids: np.ndarray) -> None:
+        """Give robots `ids` noise."""
+        size = self.generator.random(len(ids))
+        seeds = self.generator.integers(2**31, size=len(ids))
+        for robot, share, seed in zip(ids, size, seeds, strict=True):
+            noise = Imperfections(share * self.config.observation_noise, share * self.config.action_noise)
+            self.loop.spoil(robot, noise, int(seed))
 
 
 def _at(progress: float, schedule: Schedule) -> float:

@@ -106,7 +106,7 @@ def step_reward(
     nominal_com_height: float,
     power_weight: float,
     power_knee: float | None = None,
-    travel_weight: float = 0.0,
+    travel_weight: np.ndarray | float = 0.0,
     travel_knee: float | None = None,
 ) -> tuple[np.ndarray, dict[str, float]]:
     """Reward of one policy step.
@@ -117,7 +117,7 @@ def step_reward(
         power_knee: if given, a power P counts as knee * ln(1 + P / knee) [W], so that shuffling costs much and a
             recovery of several kW not much more.
         travel_weight: penalty per m/s of both feet's horizontal speeds together, on the same scale, so that the robot
-            steps only where it must.
+            steps only where it must; of all robots or of each, (num_robots,).
         travel_knee: the same for that speed [m/s].
 
     Returns:
@@ -128,12 +128,13 @@ def step_reward(
     np.square(errors, out=errors)
     errors *= -_ALPHA[:, None, None]
     terms = np.exp(errors, out=errors) @ np.full(len(ticks), 1.0 / len(ticks))
+    speed = _foot_speed(ticks) if np.any(travel_weight) else np.zeros(terms.shape[1])
     penalties = np.stack(
         [
             NO_FOOT_CONTACT * ticks.in_the_air.mean(axis=-1),
             NON_FOOT_CONTACT * ticks.non_foot_contact.mean(axis=-1),
             -power_weight * _bent(ticks.power, power_knee).mean(axis=-1),
-            -travel_weight * _bent(_foot_speed(ticks), travel_knee) if travel_weight else np.zeros(terms.shape[1]),
+            -travel_weight * _bent(speed, travel_knee),
         ]
     )
     reward = STEP_SCALE * (SCALE / _WEIGHT.sum() * (_WEIGHT @ terms) + penalties.sum(axis=0))

@@ -141,7 +141,7 @@ class ControllerLoop(ControlLoop):
 
     def _see_errors(self, ids: np.ndarray) -> None:
         """Noise and bias at the ticks of a control step, through the filter that a policy's pass."""
-        imperfect = ids[self._imperfect[ids]]
+        imperfect = ids[self.imperfect[ids]]
         if len(imperfect):
             bias = np.repeat(self._bias[imperfect, None], self._block, axis=1)
             self._errors([self._observation_noise.add(imperfect, bias)], imperfect)
@@ -149,7 +149,7 @@ class ControllerLoop(ControlLoop):
     def _state(self, ids: np.ndarray) -> State:
         ticks = Ticks(self.robot, self.simulation.layout, self._seen[ids, None])
         vector = observation.observe(ticks)[:, 0]
-        if self._imperfect[ids].any():
+        if self.imperfect[ids].any():
             vector = vector + self._errors.output[ids]
         columns = np.cumsum([len(part.components or self.robot.joint_names) for part in observation.TABLE.values()])
         parts = np.split(vector * observation.units(self.robot), columns[:-1], axis=1)
