@@ -83,12 +83,13 @@ def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[s
 def learning_over_environment(seconds: float) -> dict[str, float]:
     """PPO end to end (collect and update) against the environment alone: the share of its time spent in there."""
     from surefoot.learning.config import preset
+    from surefoot.learning.models import make_model
     from surefoot.learning.sb3 import SB3VecEnv
-    from surefoot.learning.train import make_model
 
     config = preset("fast", "ppo")
     env = PushRecoveryVectorEnv(config.num_envs, config.env)
-    model = make_model(config, SB3VecEnv(env), np.random.default_rng(0), config.hyper["learning_rate"])
+    venv = SB3VecEnv(env, config.foresight)
+    model = make_model(config, venv, np.random.default_rng(0), config.hyper["learning_rate"])
     inside = 0.0
     step = env.step
 

@@ -33,7 +33,8 @@ class Train:
     """trpo, ppo or ddpg."""
     preset: str = "fast"
     """fast (minutes on a laptop), wide (half an hour: larger pushes, on every body, and drops), steady (after a run of
-    wide: standing still) or paper (the paper's hyperparameters, pose and pushes)."""
+    wide: standing still), complete (after one of steady: everything else, and no needless steps) or paper (the paper's
+    hyperparameters, pose and pushes)."""
     run: Path | None = None
     """Folder of the run; runs/PRESET-ALGORITHM-SEED without it."""
     minutes: float | None = None
@@ -144,7 +145,7 @@ class Select:
     out: Path | None = None
     """Write the best one to this file, with what was found in its training record."""
     rounds: int = 4
-    """Sets of 128 trials for each."""
+    """Sets of trials for each: 128 of pushes at the pelvis, 318 of everything up to our goals."""
 
     def main(self) -> None:
         with needs_torch():
@@ -159,7 +160,8 @@ class Select:
             worst = min(found.rejected, key=lambda name: found.rejected[name])
             console.print(
                 f"{file}: {found.recovered:.3f} recovered, {found.calm:.2f} calm, "
-                f"worst direction {worst} {found.rejected[worst]:.0f} Ns",
+                f"worst direction {worst} {found.rejected[worst]:.0f} Ns; "
+                + ", ".join(f"{name} {share:.2f}" for name, share in found.passed.items()),
                 soft_wrap=True,
             )
         best = max(candidates, key=lambda candidate: candidate.score)

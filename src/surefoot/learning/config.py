@@ -1,4 +1,4 @@
-"""What a training run is told: named presets, `paper`, `fast`, `wide` and `steady`, for each algorithm."""
+"""What a training run is told: named presets, from `paper` to `complete`, for each algorithm."""
 
 from __future__ import annotations
 
@@ -37,11 +37,12 @@ class TrainConfig:
         final_learning_rate: share of the learning rate left at the end; it falls linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
         noise: standard deviation of the calmest and the boldest robot's exploration (DDPG).
-        noise_correlation: of the exploration from one policy step to the next.
+        noise_correlation: of the exploration from one policy step to the next (DDPG).
         final_noise: share of the exploration left at the end; it falls linearly (TRPO, PPO: the largest deviation).
         average_steps: policy steps over which the actor's weights are averaged to give the policy that is probed and
             kept; 0 for the newest weights. Learning goes on from the newest ones.
         mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
+        foresight: the critic, and it alone, knows the next push (TRPO, PPO).
         env: the task.
     """
 
@@ -62,6 +63,7 @@ class TrainConfig:
     final_noise: float = 1.0
     average_steps: float = 0.0
     mirror: bool = False
+    foresight: bool = False
     env: EnvConfig = field(default_factory=EnvConfig)
 
     def to_json(self) -> str:
@@ -129,31 +131,42 @@ _FAST_ENV = EnvConfig(
 )
 _FAST_ON_POLICY_ENV = dataclasses.replace(
     _FAST_ENV,
-    disturbance=DisturbanceConfig(impulse=(40.0, 240.0), first=(0.4, 3.4), interval=(2.4, 4.4), curriculum=0.6),
+    disturbance=DisturbanceConfig(impulse=(40.0, 240.0), first=(0.2, 2.4), interval=(2.4, 4.4), curriculum=0.6),
 )
 _FAST_ON_POLICY = {"n_steps": 32, "gamma": 0.97, "gae_lambda": 0.95}
 _FAST = {
     "trpo": TrainConfig(
         algorithm="trpo",
+        critic=(256, 256),
         hyper={
             **_FAST_ON_POLICY,
             "batch_size": 1024,
             "learning_rate": 1e-3,
             "target_kl": 0.02,
             "cg_max_steps": 6,
-            "n_critic_updates": 2,
+            "n_critic_updates": 4,
         },
         log_std=-0.8,
         average_steps=100_000.0,
         mirror=True,
+        foresight=True,
         env=_FAST_ON_POLICY_ENV,
     ),
     "ppo": TrainConfig(
         algorithm="ppo",
-        hyper={**_FAST_ON_POLICY, "batch_size": 2048, "n_epochs": 8, "learning_rate": 5e-4, "ent_coef": 0.0},
+        critic=(256, 256),
+        hyper={
+            **_FAST_ON_POLICY,
+            "batch_size": 1024,
+            "n_epochs": 12,
+            "learning_rate": 1e-3,
+            "ent_coef": 0.0,
+            "target_kl": 0.04,
+        },
         log_std=-0.8,
         average_steps=100_000.0,
         mirror=True,
+        foresight=True,
         env=_FAST_ON_POLICY_ENV,
     ),
     "ddpg": TrainConfig(
@@ -219,7 +232,48 @@ _STEADY = {
         average_steps=200_000.0,
     )
 }
-PRESETS = {"paper": _PAPER, "fast": _FAST, "wide": _WIDE, "steady": _STEADY}
+# After `steady`: everything else that a robot may meet, and no step where none is needed.
+_COMPLETE_ENV = dataclasses.replace(
+    _STEADY_ENV,
+    drop_share=0.15,
+    drop_lean=0.4,
+    travel_weight=((0.0, 2.0), (0.3, 3.0)),
+    travel_free=(60.0, 120.0),
+    travel_free_s=6.0,
+    noise_share=0.15,
+    action_noise=0.1,
+    disturbance=dataclasses.replace(
+        _STEADY_ENV.disturbance,
+        bodies=("pelvis",) * 4 + ("torso",) * 2 + ("left_thigh", "right_thigh", "left_shank", "right_shank"),
+        impulse=(30.0, 450.0),
+        small=(6.0, 100.0),
+        small_share=0.25,
+        focus=0.2,
+        lift=(200.0, 600.0),
+        lift_share=0.12,
+    ),
+)
+_COMPLETE = {
+    "ddpg": dataclasses.replace(
+        _STEADY["ddpg"],
+        preset="complete",
+        minutes=64.0,
+        schedule_minutes=64.0,
+        env=_COMPLETE_ENV,
+        hyper={
+            **_STEADY["ddpg"].hyper,
+            "batch_size": 384,
+            "buffer_size": 1_000_000,
+            "learning_starts": 10_000,
+            "learning_rate": 4e-4,
+        },
+        final_learning_rate=0.1,
+        noise=(0.01, 0.15),
+        final_noise=0.4,
+        average_steps=300_000.0,
+    )
+}
+PRESETS = {"paper": _PAPER, "fast": _FAST, "wide": _WIDE, "steady": _STEADY, "complete": _COMPLETE}
 
 
 def preset(name: str, algorithm: str) -> TrainConfig:

@@ -20,6 +20,7 @@ CALM_CELL = 17
 """The whole trials that show how calmly a policy stands afterwards: 102 Ns in every direction."""
 CALM_POWER, CALM_DRIFT = 20.0, 0.01
 """Calm is less than so much mean power [W] and drift of the CoM [m], and no step."""
+MAX_PROBE_SCORE = 4.0
 FIRST_SEED = 1_000_000
 """Far from the evaluation's seeds, which count from 0."""
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from surefoot.errors import UserError
-from surefoot.learning.probe import Probe, probe
+from surefoot.learning.exam import examine
+from surefoot.learning.probe import MAX_PROBE_SCORE, Probe, probe
 from surefoot.policy import SUFFIX, NetworkPolicy, with_record
 
 FIRST_ROUND = 1
@@ -20,6 +21,7 @@ class Candidate:
 
     file: Path
     probes: tuple[Probe, ...]
+    exams: tuple[dict[str, float], ...]
 
     @property
     def recovered(self) -> float:
@@ -35,8 +37,17 @@ class Candidate:
         return {name: min(probe.rejected[name] for probe in self.probes) for name in self.probes[0].rejected}
 
     @property
+    def passed(self) -> dict[str, float]:
+        """Share of the exams' trials that succeeded, by scenario."""
+        return {name: sum(exam[name] for exam in self.exams) / len(self.exams) for name in self.exams[0]}
+
+    @property
     def score(self) -> float:
-        return sum(probe.score for probe in self.probes) / len(self.probes)
+        """Probes see the pelvis' pushes up to large ones and the calm, exams all the rest: they count alike."""
+        shares = self.passed.values()
+        return sum(probe.score for probe in self.probes) / len(self.probes) + MAX_PROBE_SCORE * sum(shares) / len(
+            shares
+        )
 
 
 def files(runs: Sequence[Path]) -> list[Path]:
@@ -53,9 +64,11 @@ def files(runs: Sequence[Path]) -> list[Path]:
 
 
 def judge(file: Path, num_rounds: int) -> Candidate:
-    """Probe one policy with `num_rounds` sets of trials that its training has not seen."""
+    """Probe and examine one policy with `num_rounds` sets of trials that its training has not seen."""
     policy = NetworkPolicy(file.read_bytes(), file.stem, str(file))
-    return Candidate(file, tuple(probe(policy, round=FIRST_ROUND + i) for i in range(num_rounds)))
+    rounds = range(FIRST_ROUND, FIRST_ROUND + num_rounds)
+    probes = tuple(probe(policy, round=number) for number in rounds)
+    return Candidate(file, probes, tuple(examine(policy, round=number) for number in rounds))
 
 
 def shipped_bytes(candidate: Candidate) -> bytes:

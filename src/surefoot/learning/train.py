@@ -18,28 +18,19 @@ from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 import surefoot
-from surefoot import observation
 from surefoot.env import PushRecoveryVectorEnv
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
+from surefoot.learning.models import limit_exploration, make_model
+from surefoot.learning.networks import actor_layers
 from surefoot.learning.probe import Probe, probe
 from surefoot.learning.run_folder import RunFolder
-from surefoot.learning.sb3 import (
-    ALGORITHMS,
-    DeterministicPolicy,
-    ExplorationNoise,
-    GaussianPolicy,
-    MirroredReplayBuffer,
-    SB3VecEnv,
-    actor_layers,
-    limit_exploration,
-)
+from surefoot.learning.sb3 import SB3VecEnv
 from surefoot.policy import Contract, NetworkPolicy, network_bytes, with_record
 
 PROBE_S = 30.0
@@ -97,7 +88,7 @@ class Trainer:
         self.best_score = -np.inf
         self.interrupted = False
         self.env = PushRecoveryVectorEnv(config.num_envs, config.env)
-        self.venv = SB3VecEnv(self.env)
+        self.venv = SB3VecEnv(self.env, config.foresight)
         self.rng = np.random.default_rng(config.seed)
         self.model = make_model(config, self.venv, self.rng, self._learning_rate)
         self._seconds_before = 0.0
@@ -270,37 +261,13 @@ def check_heir(config: TrainConfig, before: TrainConfig, path: Path) -> None:
         UserError: no; it names what differs.
     """
     ours, theirs = dataclasses.asdict(config), dataclasses.asdict(before)
-    for name in ("algorithm", "actor", "critic", "mirror"):
+    for name in ("algorithm", "actor", "critic", "mirror", "foresight"):
         if ours[name] != theirs[name]:
             raise UserError(f"{path} was learned with {name} {theirs[name]}, this run has {ours[name]}")
     for name in ("robot", "pose", "action_scale"):
         here, there = ours["env"][name], theirs["env"][name]
         if here != there:
             raise UserError(f"{path} was learned with {name} {there}, this run has {here}")
-
-
-def make_model(
-    config: TrainConfig, venv: SB3VecEnv, rng: np.random.Generator, learning_rate: Callable[[float], float] | float
-) -> BaseAlgorithm:
-    """The algorithm on its environment, networks new."""
-    hyper = {**config.hyper, "learning_rate": learning_rate}
-    common: dict[str, Any] = {"seed": config.seed, "device": "cpu"}
-    robot = venv.env.robot
-    mirrors = (observation.mirror(robot), observation.mirror_joints(robot)) if config.mirror else None
-    if config.algorithm == "ddpg":
-        torch.set_num_threads(1)  # the other cores move the robots meanwhile
-        networks: dict[str, Any] = {"net_arch": {"pi": list(config.actor), "qf": list(config.critic)}}
-        if mirrors:
-            hyper["replay_buffer_class"] = MirroredReplayBuffer
-            n_step_return = {"n_steps": hyper.pop("n_steps", 1), "gamma": hyper["gamma"]}
-            hyper["replay_buffer_kwargs"] = {"mirrors": mirrors, **n_step_return}
-        hyper["action_noise"] = ExplorationNoise(
-            (config.num_envs, robot.num_joints), config.noise, config.noise_correlation, rng
-        )
-        return ALGORITHMS["ddpg"](DeterministicPolicy, venv, policy_kwargs=networks, **hyper, **common)
-    networks = {"net_arch": {"pi": list(config.actor), "vf": list(config.critic)}, "log_std_init": config.log_std}
-    networks |= {"mirrors": mirrors, "correlation": config.noise_correlation}
-    return ALGORITHMS[config.algorithm](GaussianPolicy, venv, policy_kwargs=networks, **hyper, **common)
 
 
 class _Watch(BaseCallback):

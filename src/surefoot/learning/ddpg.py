@@ -1,0 +1,140 @@
+"""DDPG for a batch of robots: it learns while they move, explores from calm to bold, and replays in the mirror."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import DDPG
+from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBufferSamples
+from stable_baselines3.common.noise import VectorizedActionNoise
+from stable_baselines3.common.policies import ContinuousCritic
+from stable_baselines3.common.utils import polyak_update
+from stable_baselines3.td3.policies import Actor
+from torch import nn
+
+from surefoot.learning.networks import Mirror, tensors
+from surefoot.learning.sb3 import SB3VecEnv
+
+
+class BatchDDPG(DDPG):
+    """DDPG for a batch of robots that learns while they move, and that can be asked for a smooth actor.
+
+    It begins with its own first policy instead of random actions. The gradient steps after a policy step wait for
+    the next one: its actions are chosen before them, so that nothing depends on which is done first.
+
+    Args:
+        smoothness: conditioning for action policy smoothness, Mysore et al. 2021: weight in the actor's loss of the
+            action's squared change from one policy step to the next, and of its change under a little noise on the
+            observation. 0 for plain DDPG.
+    """
+
+    NEARBY = 0.1
+    """Deviation of that noise, of normalised observations."""
+
+    def __init__(self, *args: Any, smoothness: float = 0.0, **kwargs: Any):
+        super().__init__(*args, **kwargs)
+        self.smoothness = smoothness
+        self._owed = (0, 0)
+        if isinstance(self.env, SB3VecEnv):
+            self.env.meanwhile = self._learn_meanwhile
+
+    def _sample_action(self, learning_starts: int, *args: Any, **kwargs: Any) -> tuple[np.ndarray, np.ndarray]:
+        return super()._sample_action(0, *args, **kwargs)
+
+    def train(self, gradient_steps: int, batch_size: int = 100) -> None:
+        self._owed = (gradient_steps, batch_size)
+
+    def _learn_meanwhile(self) -> None:
+        gradient_steps, batch_size = self._owed
+        self._owed = (0, 0)
+        if not gradient_steps:
+            return
+        self.policy.set_training_mode(True)
+        self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
+        assert self.replay_buffer is not None
+        for _ in range(gradient_steps):
+            batch = self.replay_buffer.sample(batch_size)
+            _descend(self.critic, self._critic_loss(batch))
+            _descend(self.actor, self._actor_loss(batch))
+            polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
+            polyak_update(self.actor.parameters(), self.actor_target.parameters(), self.tau)
+        self._n_updates += gradient_steps
+
+    def _critic_loss(self, batch: ReplayBufferSamples) -> torch.Tensor:
+        discount = self.gamma if batch.discounts is None else batch.discounts
+        with torch.no_grad():
+            (value,) = self.critic_target(batch.next_observations, self.actor_target(batch.next_observations))
+            target = batch.rewards + (1.0 - batch.dones) * discount * value
+        (estimate,) = self.critic(batch.observations, batch.actions)
+        return nn.functional.mse_loss(estimate, target)
+
+    def _actor_loss(self, batch: ReplayBufferSamples) -> torch.Tensor:
+        if not self.smoothness:
+            return -self.critic.q1_forward(batch.observations, self.actor(batch.observations)).mean()
+        nearby = batch.observations + self.NEARBY * torch.randn_like(batch.observations)
+        action, later, other = self.actor(torch.cat([batch.observations, batch.next_observations, nearby])).chunk(3)
+        later = torch.where(batch.dones > 0, action, later)
+        change = ((action - later) ** 2).sum(dim=1) + ((action - other) ** 2).sum(dim=1)
+        return (self.smoothness * change - self.critic.q1_forward(batch.observations, action)[:, 0]).mean()
+
+
+def _descend(network: Actor | ContinuousCritic, loss: torch.Tensor) -> None:
+    network.optimizer.zero_grad()
+    loss.backward(inputs=list(network.parameters()))  # not through the critic's weights for the actor's sake
+    network.optimizer.step()
+
+
+class ExplorationNoise(VectorizedActionNoise):
+    """Exploration noise for a whole batch of robots at once, from calm to bold, correlated in time.
+
+    An Ornstein-Uhlenbeck process, as in Lillicrap et al. 2016: white noise at 25 Hz mostly shakes the joints.
+
+    Args:
+        shape: (num_robots, num_joints).
+        std: stationary, of the calmest and of the boldest robot; the others lie evenly between them on a logarithmic
+            scale, so that the replay buffer holds both fine standing and wild recoveries.
+        correlation: of one policy step with the next; 0 for white noise.
+
+    Attributes:
+        scale: what all deviations are multiplied by.
+    """
+
+    def __init__(self, shape: tuple[int, int], std: tuple[float, float], correlation: float, rng: np.random.Generator):
+        self.shape, self.rng, self.correlation = shape, rng, correlation
+        self.std = np.geomspace(*std, shape[0])[:, None]
+        self.scale = 1.0
+        self._noise = rng.standard_normal(shape)
+
+    def __call__(self) -> np.ndarray:
+        fresh = self.rng.standard_normal(self.shape)
+        self._noise = self.correlation * self._noise + np.sqrt(1.0 - self.correlation**2) * fresh
+        return (self.scale * self.std * self._noise).astype(np.float32)
+
+    def reset(self, indices: Any = None) -> None:
+        """The process goes on across episodes: it is stationary."""
+
+
+class MirroredReplayBuffer(NStepReplayBuffer):
+    """A replay buffer that shows half of every batch in the mirror: a symmetric robot learns both sides at once.
+
+    Args:
+        mirrors: (source, sign) of the observation and of the action, see `observation.mirror`; the other arguments
+            are those of SB3's n-step buffer.
+    """
+
+    def __init__(self, *args: Any, mirrors: tuple[Mirror, Mirror], **kwargs: Any):
+        super().__init__(*args, **kwargs)
+        self._mirrors = [tensors(mirror) for mirror in mirrors]
+
+    def sample(self, batch_size: int, env: Any = None) -> ReplayBufferSamples:
+        batch = super().sample(batch_size, env)
+        for_observation, for_action = self._mirrors
+        for vectors, (source, sign) in (
+            (batch.observations, for_observation),
+            (batch.next_observations, for_observation),
+            (batch.actions, for_action),
+        ):
+            vectors[: batch_size // 2] = vectors[: batch_size // 2, source] * sign
+        return batch

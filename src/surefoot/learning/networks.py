@@ -1,0 +1,176 @@
+"""Networks: the paper's actors and critics as stable-baselines3 has them, and an actor's layers for a policy file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.td3.policies import Actor, TD3Policy
+from torch import nn
+
+from surefoot.env import FORESEEN_SIGNS
+
+Mirror = tuple[np.ndarray, np.ndarray]
+"""(source, sign) of a mirrored vector, see `observation.mirror`."""
+
+
+class _Symmetric(nn.Module):
+    """A network made equal on both sides: (f(s) + mirror(f(mirror(s)))) / 2, or of a scalar without the outer mirror.
+
+    Args:
+        network: f.
+        inward: mirror of the input.
+        outward: mirror of the output; None for a scalar.
+    """
+
+    def __init__(self, network: nn.Module, inward: Mirror, outward: Mirror | None):
+        super().__init__()
+        self.network = network
+        self.inward = tensors(inward)
+        self.outward = tensors(outward) if outward else None
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        source, sign = self.inward
+        mirrored = self.network(inputs[:, source] * sign)
+        if self.outward:
+            source, sign = self.outward
+            mirrored = mirrored[:, source] * sign
+        return 0.5 * (self.network(inputs) + mirrored)
+
+
+class _TanhActorReluCritic(nn.Module):
+    """SB3's "feature extractor": here the two whole networks, each with activations and an output of its own.
+
+    Args:
+        num_inputs: of the critic; the actor sees the first of them only, the observation.
+        num_observed: of the actor.
+    """
+
+    def __init__(
+        self, num_inputs: int, num_observed: int, num_actions: int, actor: Sequence[int], critic: Sequence[int]
+    ):
+        super().__init__()
+        self.policy_net: nn.Module = _mlp(num_observed, actor, num_actions, nn.Tanh)
+        self.value_net: nn.Module = _mlp(num_inputs, critic, 1, nn.ReLU)
+        self.num_observed = num_observed
+        self.latent_dim_pi, self.latent_dim_vf = num_actions, 1
+
+    def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        return self.forward_actor(features), self.forward_critic(features)
+
+    def forward_actor(self, features: torch.Tensor) -> torch.Tensor:
+        return self.policy_net(features[:, : self.num_observed])
+
+    def forward_critic(self, features: torch.Tensor) -> torch.Tensor:
+        return self.value_net(features)
+
+
+class GaussianPolicy(ActorCriticPolicy):
+    """The paper's networks for TRPO and PPO: tanh actor, ReLU critic, linear outputs, a std of its own.
+
+    Args:
+        mirrors: of the observation and of the action; if given, both networks are made symmetric. The other
+            arguments are those of SB3's policy.
+        foreseen: the observation ends with so many numbers that only the critic sees: a push that it did not expect
+            is noise on all that was done shortly before.
+    """
+
+    def __init__(self, *args: Any, mirrors: tuple[Mirror, Mirror] | None = None, foreseen: int = 0, **kwargs: Any):
+        self._mirrors = mirrors
+        self._foreseen = foreseen
+        super().__init__(*args, **kwargs)
+
+    def _build(self, lr_schedule: Any) -> None:
+        super()._build(lr_schedule)
+        # SB3 initialises the two networks as hidden layers; their outputs are to be its outputs, at the same gains.
+        nn.init.orthogonal_(_linear(self.mlp_extractor.policy_net)[-1].weight, gain=0.01)
+        nn.init.orthogonal_(_linear(self.mlp_extractor.value_net)[-1].weight, gain=1.0)
+        # So that what SB3 puts behind them has nothing to do.
+        self.action_net = self.value_net = nn.Identity()  # type: ignore[assignment]
+        self.optimizer = torch.optim.Adam(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+
+    def _build_mlp_extractor(self) -> None:
+        assert isinstance(self.net_arch, dict)
+        assert self.action_space.shape is not None
+        num_actions = self.action_space.shape[0]
+        num_observed = self.features_dim - self._foreseen
+        layers = self.net_arch["pi"], self.net_arch["vf"]
+        networks = _TanhActorReluCritic(self.features_dim, num_observed, num_actions, *layers)
+        if self._mirrors:
+            for_observation, for_action = self._mirrors
+            networks.policy_net = _Symmetric(networks.policy_net, for_observation, for_action)
+            source, sign = for_observation
+            if self._foreseen:
+                source = np.append(source, np.arange(num_observed, self.features_dim))
+                sign = np.append(sign, FORESEEN_SIGNS)
+            networks.value_net = _Symmetric(networks.value_net, (source, sign), None)
+        self.mlp_extractor = networks  # type: ignore[assignment]
+
+
+class DeterministicPolicy(TD3Policy):
+    """The paper's tanh actor for DDPG (squashed into the action's bounds, as SB3 needs it) and a ReLU critic."""
+
+    def make_actor(self, features_extractor: Any = None) -> Actor:
+        arguments = self._update_features_extractor(self.actor_kwargs, features_extractor)
+        actor = Actor(**{**arguments, "activation_fn": nn.Tanh}).to(self.device)
+        # Begin by holding the nominal pose, as SB3's Gaussian policies do, not with random postures.
+        with torch.no_grad():
+            output = _linear(actor.mu)[-1]
+            output.weight *= 0.01
+            output.bias.zero_()
+        return actor
+
+
+def tensors(mirror: Mirror) -> tuple[torch.Tensor, torch.Tensor]:
+    source, sign = mirror
+    return torch.as_tensor(source), torch.as_tensor(sign, dtype=torch.float32)
+
+
+def _mlp(num_inputs: int, layers: Sequence[int], num_outputs: int, activation: type[nn.Module]) -> nn.Sequential:
+    sizes = [num_inputs, *layers]
+    modules: list[nn.Module] = []
+    for i, o in zip(sizes[:-1], sizes[1:], strict=True):
+        modules += [nn.Linear(i, o), activation()]
+    return nn.Sequential(*modules, nn.Linear(sizes[-1], num_outputs))
+
+
+def _linear(network: nn.Module) -> list[nn.Linear]:
+    return [module for module in network.modules() if isinstance(module, nn.Linear)]
+
+
+Layers = list[tuple[np.ndarray, np.ndarray]]
+
+
+def actor_layers(model: BaseAlgorithm) -> Layers:
+    """(weight, bias) of every linear layer of the deterministic policy, in order, as one plain network."""
+    policy: Any = model.policy
+    if isinstance(policy, TD3Policy):
+        return _linear_layers(policy.actor.mu)
+    network = policy.mlp_extractor.policy_net
+    if not isinstance(network, _Symmetric):
+        return _linear_layers(network)
+    return _unfold(_linear_layers(network.network), *policy._mirrors)
+
+
+def _linear_layers(network: nn.Module) -> Layers:
+    return [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in _linear(network)]
+
+
+def _unfold(layers: Layers, for_observation: Mirror, for_action: Mirror) -> Layers:
+    """The symmetric network as a plain one of twice the width: f(s) and f(mirror(s)) side by side, then their mean."""
+    (first, first_bias), *inner, (last, last_bias) = layers
+    source, sign = for_observation
+    mirrored_first = np.empty_like(first)
+    mirrored_first[:, source] = first * sign
+    source, sign = for_action
+    wide = [(np.concatenate([first, mirrored_first]), np.tile(first_bias, 2))]
+    for weight, bias in inner:
+        nothing = np.zeros_like(weight)
+        wide.append((np.block([[weight, nothing], [nothing, weight]]), np.tile(bias, 2)))
+    mirrored_last, mirrored_bias = sign[:, None] * last[source], sign * last_bias[source]
+    wide.append((0.5 * np.concatenate([last, mirrored_last], axis=1), 0.5 * (last_bias + mirrored_bias)))
+    return wide
