@@ -155,14 +155,7 @@ _FAST = {
     "ppo": TrainConfig(
         algorithm="ppo",
         critic=(256, 256),
-        hyper={
-            **_FAST_ON_POLICY,
-            "batch_size": 1024,
-            "n_epochs": 12,
-            "learning_rate": 1e-3,
-            "ent_coef": 0.0,
-            "target_kl": 0.04,
-        },
+        hyper={**_FAST_ON_POLICY, "batch_size": 2048, "n_epochs": 8, "learning_rate": 5e-4, "ent_coef": 0.0},
         log_std=-0.8,
         average_steps=100_000.0,
         mirror=True,
