@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from surefoot.disturbance import Push
+from surefoot.disturbance import Push, Pushes
 from surefoot.judge import Outcome
 from surefoot.policy import NominalPolicy
 from surefoot.robot import Robot, load_robot
@@ -24,6 +24,8 @@ TOTAL_MASS = 137.287494
 """Of NASA's description [kg]."""
 PUSH = np.array([300.0, -150.0, 80.0])
 """The force of `plain_steps` [N]."""
+NUM_BODIES = 13
+"""Of the model, the world among them."""
 
 Motion = Callable[[np.ndarray], dict[str, np.ndarray]]
 
@@ -61,6 +63,12 @@ class MovingPolicy(NominalPolicy):
             actions[:, self.robot.joint_names.index(joint)] = angle
         self.steps[ids] += 1
         return actions
+
+
+def write_wrench(pushes: Pushes, wrench: np.ndarray, tick: np.ndarray) -> None:
+    """The next policy step's forces in place of the last one's."""
+    pushes.clear(wrench)
+    pushes.add(wrench, tick)
 
 
 def squat(amplitude: float) -> Motion:

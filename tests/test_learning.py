@@ -1,14 +1,12 @@
 """Learning with real physics: every algorithm beats standing, a run can be interrupted and resumed, nothing is lost."""
 
 import dataclasses
-import importlib.resources
 import json
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -21,21 +19,15 @@ from surefoot import observation
 from surefoot.disturbance import DisturbanceConfig
 from surefoot.env import EnvConfig, PushRecoveryVectorEnv
 from surefoot.errors import UserError
-from surefoot.learning.ablations import LEFT_OUT, ablate, ablation_table, without
 from surefoot.learning.config import HALF_LIFE_GAMMA, PRESETS, TrainConfig, preset
 from surefoot.learning.ddpg import ExplorationNoise
-from surefoot.learning.exam import UP_TO, examine
 from surefoot.learning.models import limit_exploration, make_model
 from surefoot.learning.networks import actor_layers
-from surefoot.learning.probe import FIRST_SEED, probe
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
-from surefoot.learning.selection import files, judge, shipped_bytes
 from surefoot.learning.train import Trainer, train
 from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, load_policy, network_bytes
-from surefoot.robot import load_robot
 from surefoot.single import PushRecoveryEnv
-from surefoot.trials import run_list
 
 ALGORITHMS = ("trpo", "ppo", "ddpg")
 
@@ -130,7 +122,7 @@ def test_a_mirrored_policy_acts_alike_on_both_sides(algorithm: str) -> None:
     assert values[0].std() > 0.1
 
 
-@pytest.mark.parametrize("algorithm", ["trpo", "ppo"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_critic_is_told_of_the_next_push_and_the_last_observation_of_an_episode_of_its_own(algorithm: str) -> None:
     model, venv = make(tiny(algorithm))
     venv.seed(0)
@@ -149,7 +141,14 @@ def test_the_critic_is_told_of_the_next_push_and_the_last_observation_of_an_epis
         quiet = torch.zeros(1, 51)
         pushed = quiet.clone()
         pushed[0, 47:] = torch.tensor([1.0, 2.0, 2.0, 0.0])
-        assert (model.policy.predict_values(quiet) - model.policy.predict_values(pushed)).abs() > 1e-4
+        if algorithm == "ddpg":
+            (before,), (after,) = (model.critic(seen, torch.zeros(1, 11)) for seen in (quiet, pushed))
+        else:
+            before, after = model.policy.predict_values(quiet), model.policy.predict_values(pushed)
+        assert (after - before).abs() > 1e-4
+        # The policy is not.
+        actions = [model.predict(seen.numpy(), deterministic=True)[0] for seen in (quiet, pushed)]
+        np.testing.assert_array_equal(*actions)
 
 
 def test_learning_while_the_robots_move_depends_on_the_seed_alone() -> None:
@@ -323,6 +322,28 @@ def test_a_run_may_begin_with_the_networks_of_another(tmp_path: Path) -> None:
     assert resumed._record()["after"] == record["after"]
 
 
+def test_a_critic_that_inherits_one_without_foresight_judges_as_it_did_until_it_learns(tmp_path: Path) -> None:
+    blind = dataclasses.replace(tiny("ddpg"), foresight=False)
+    parent = train(blind, tmp_path / "parent")
+    config = dataclasses.replace(blind, foresight=True)
+    heir = Trainer(config, RunFolder.create(tmp_path / "heir", config), after=RunFolder(tmp_path / "parent"))
+    rng = np.random.default_rng(0)
+    seen, action = (torch.as_tensor(rng.normal(size=(20, n)), dtype=torch.float32) for n in (51, 11))
+    with torch.no_grad():
+        for critic in ("critic", "critic_target"):
+            (before,), (after,) = (
+                getattr(parent.model, critic)(seen[:, :47], action),
+                getattr(heir.model, critic)(seen, action),
+            )
+            torch.testing.assert_close(after, before)
+        torch.testing.assert_close(heir.model.actor(seen), parent.model.actor(seen[:, :47]))
+    assert _optimizer_steps(heir.model) == _optimizer_steps(parent.model) > 0
+    heir.run()
+    weight = heir.model.critic.qf0[0].weight
+    assert weight.shape == (256, 47 + 4 + 11)
+    assert weight[:, 47:51].abs().max() > 1e-4
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -399,72 +420,6 @@ def test_damaged_run_folders_are_refused_in_one_line(tmp_path: Path) -> None:
 def test_every_preset_survives_its_json(name: str, algorithm: str) -> None:
     config = preset(name, algorithm)
     assert TrainConfig.from_json(config.to_json()) == config
-
-
-def test_a_probe_uses_trials_that_the_evaluation_never_sees() -> None:
-    assert FIRST_SEED > 1000
-    found = probe(NominalPolicy(load_robot(), "bent"))
-    # Held by its impedance alone the robot rejects small pushes and no large ones.
-    assert 0.05 < found.recovered < 0.4
-    assert set(found.rejected) >= {"forward", "left", "backward", "right", "45"}
-
-
-def test_probes_of_other_rounds_use_other_trials() -> None:
-    policy = NominalPolicy(load_robot(), "bent")
-    seeds: list[set[int]] = []
-    for number in (0, 1):
-        with mock.patch("surefoot.learning.probe.run_list", wraps=run_list) as runner:
-            probe(policy, round=number)
-        seeds.append({trial.seed for trial in runner.call_args.args[1]})
-    assert len(seeds[0]) == len(seeds[1]) == 128
-    assert not seeds[0] & seeds[1]
-
-
-def test_an_exam_tells_by_scenario_how_much_of_the_way_to_the_goal_holds() -> None:
-    policy = NominalPolicy(load_robot(), "bent")
-    with mock.patch("surefoot.learning.exam.run_list", wraps=run_list) as runner:
-        shares = examine(policy)
-    trials = runner.call_args.args[1]
-    # Six sizes each: 16 directions of the pelvis, 4 of nine other scenarios, one height.
-    assert len(trials) == 6 * (16 + 9 * 4 + 1)
-    assert {trial.seed for trial in trials}.isdisjoint(range(1000))
-    assert list(shares) == list(UP_TO)
-    # The nominal pose rejects 48 Ns of the 330 in the worst direction and 84 Ns in others: one or two of six sizes
-    # hold, and without a step one to five of six up to 90 Ns, but nothing of the 500 Ns upwards.
-    assert 1 / 12 < shares["pelvis_push"] < 1 / 3
-    assert 1 / 2 < shares["pelvis_push_no_step"] < 1.0
-    assert shares["combined"] < 0.3
-
-
-def test_the_better_policy_is_selected_and_carries_what_was_found(tmp_path: Path) -> None:
-    for name in ("ddpg", "ppo"):
-        policy = importlib.resources.files("surefoot") / "policies" / f"{name}.onnx"
-        (tmp_path / f"{name}.onnx").write_bytes(policy.read_bytes())
-    candidates = [judge(file, 1) for file in files([tmp_path / "ddpg.onnx", tmp_path / "ppo.onnx"])]
-    best = max(candidates, key=lambda candidate: candidate.score)
-    chosen = NetworkPolicy(shipped_bytes(best), "chosen")
-    assert chosen.contract.training["selection"] == [{"recovered": round(best.recovered, 4), "calm": best.calm}]
-    observation = np.zeros((1, 47))
-    np.testing.assert_array_equal(chosen(observation, np.arange(1)), load_policy(best.file)(observation, np.arange(1)))
-    with pytest.raises(UserError, match=r"no policies in .*nowhere"):
-        files([tmp_path / "nowhere"])
-
-
-def test_every_ablation_leaves_out_one_thing_and_can_be_made() -> None:
-    whole = without("nothing", 1000, seed=0)
-    for name in LEFT_OUT:
-        config = without(name, 1000, seed=0)
-        assert (config == whole) == (name == "nothing")
-        make(dataclasses.replace(config, num_envs=2))
-
-
-def test_an_ablation_that_is_done_is_not_done_again(tmp_path: Path) -> None:
-    curve = ablate("averaged-actor", tmp_path, steps=7_000, seed=0)
-    assert curve[-1]["steps"] >= 7_000
-    before = (tmp_path / "averaged-actor" / "last.onnx").stat().st_mtime_ns
-    assert len(ablate("averaged-actor", tmp_path, steps=7_000, seed=0)) == len(curve)
-    assert (tmp_path / "averaged-actor" / "last.onnx").stat().st_mtime_ns == before
-    assert ablation_table({"averaged-actor": curve}).rows[0][0] == "averaged actor"
 
 
 def _optimizer_steps(model) -> float:

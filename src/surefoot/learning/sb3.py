@@ -43,7 +43,6 @@ class SB3VecEnv(VecEnv):
 
     Args:
         env: whose robots are to be used.
-
         foresight: append the next push to every observation, for a critic; see `PushRecoveryVectorEnv.next_push`.
 
     Attributes:
@@ -68,7 +67,7 @@ class SB3VecEnv(VecEnv):
         self._reset_seeds()
         self._return[:] = 0.0
         self._length[:] = 0
-        return self._observed(observations)
+        return self._seen(observations, self.env.next_push())
 
     def step_async(self, actions: np.ndarray) -> None:
         if self.meanwhile:
@@ -88,7 +87,7 @@ class SB3VecEnv(VecEnv):
         infos = [self._no_info] * self.num_envs
         ended = np.flatnonzero(done)
         if len(ended):
-            final = self._with_push(self.normalise(info["final_obs"][ended]), info["final_push"][ended])
+            final = self._seen(info["final_obs"][ended], info["final_push"][ended])
             for i, last in zip(ended, final, strict=True):
                 infos[i] = {
                     "episode": {"r": self._return[i], "l": int(self._length[i])},
@@ -97,15 +96,12 @@ class SB3VecEnv(VecEnv):
                 }
             self._return[ended] = 0.0
             self._length[ended] = 0
-        return self._observed(observations), rewards.astype(np.float32), done, infos
+        return self._seen(observations, self.env.next_push()), rewards.astype(np.float32), done, infos
 
-    def _observed(self, observations: np.ndarray) -> np.ndarray:
-        return self._with_push(self.normalise(observations), self.env.next_push() if self.foresight else None)
-
-    def _with_push(self, observations: np.ndarray, pushes: np.ndarray | None) -> np.ndarray:
-        if not self.foresight or pushes is None:
-            return observations
-        return np.concatenate([observations, pushes], axis=1, dtype=np.float32)
+    def _seen(self, observations: np.ndarray, pushes: np.ndarray) -> np.ndarray:
+        """What the networks see of observations (n, 47) and the robots' next pushes."""
+        seen = self.normalise(observations)
+        return np.concatenate([seen, pushes], axis=1, dtype=np.float32) if self.foresight else seen
 
     def close(self) -> None:
         self._mover.shutdown()

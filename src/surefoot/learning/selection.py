@@ -45,9 +45,8 @@ class Candidate:
     def score(self) -> float:
         """Probes see the pelvis' pushes up to large ones and the calm, exams all the rest: they count alike."""
         shares = self.passed.values()
-        return sum(probe.score for probe in self.probes) / len(self.probes) + MAX_PROBE_SCORE * sum(shares) / len(
-            shares
-        )
+        probed = sum(probe.score for probe in self.probes) / len(self.probes)
+        return probed + MAX_PROBE_SCORE * sum(shares) / len(shares)
 
 
 def files(runs: Sequence[Path]) -> list[Path]:

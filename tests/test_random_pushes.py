@@ -1,0 +1,293 @@
+"""Who is pushed when, how hard and where in training: ranges, lifts, focus and curriculum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import NUM_BODIES, write_wrench
+
+from surefoot.disturbance import PUSH_DURATION, DisturbanceConfig, Pushes, RandomPushes
+from surefoot.errors import UserError
+from surefoot.robot import Robot
+from surefoot.simulation import TICKS_PER_STEP
+
+
+def random_pushes(robot: Robot, num_robots: int, seed: int = 0, **config: object) -> tuple[RandomPushes, Pushes]:
+    pushes = Pushes(robot, num_robots)
+    random = RandomPushes(DisturbanceConfig(**config), pushes, np.random.default_rng(seed))
+    random.reset(np.arange(num_robots))
+    return random, pushes
+
+
+def test_the_papers_pushes_come_at_1_6_and_11_s_of_an_episode(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 5)
+    starts = []
+    for tick in range(0, 16 * 500, TICKS_PER_STEP):
+        random.advance(np.full(5, tick))
+        starts.append(pushes.start.copy())
+    per_robot = {tuple(np.unique(column)) for column in np.array(starts).T}
+    # 1 s, 6 s, 11 s; and one at 16 s that the end of the episode forestalls.
+    assert per_robot == {(500, 3000, 5500, 8000)}
+
+
+def test_random_pushes_are_horizontal_isotropic_and_within_their_range(robot: Robot) -> None:
+    n = 4000
+    _, pushes = random_pushes(robot, n)
+    impulse = pushes.force * PUSH_DURATION
+    np.testing.assert_array_equal(impulse[:, 2], 0.0)
+    magnitude = np.linalg.norm(impulse, axis=1)
+    assert magnitude.min() > 26.5
+    assert magnitude.max() < 106.0
+    # Uniform: mean (26.5 + 106) / 2 = 66.25, deviation 79.5 / sqrt(12) = 22.9, of the mean of 4000 0.36.
+    assert magnitude.mean() == pytest.approx(66.25, abs=4 * 0.36)
+    assert magnitude.std() == pytest.approx(22.9, abs=0.7)
+    # The mean of n unit vectors has components of deviation 1 / sqrt(2 n) = 0.011; four directions equally often.
+    direction = impulse / magnitude[:, None]
+    assert np.abs(direction.mean(axis=0)).max() < 4 * 0.0112
+    quadrant = np.bincount(2 * (direction[:, 0] > 0) + (direction[:, 1] > 0), minlength=4)
+    assert np.abs(quadrant - n / 4).max() < 4 * np.sqrt(n * 0.25 * 0.75)
+    # Second moments: isotropy, not just symmetry.
+    assert np.mean(direction[:, 0] ** 2) == pytest.approx(0.5, abs=4 * np.sqrt(1 / 8 / n))
+    # Magnitude and direction are drawn apart.
+    assert abs(np.corrcoef(magnitude, direction[:, 0])[0, 1]) < 4 / np.sqrt(n)
+
+
+def test_ranges_of_bodies_start_and_interval_are_drawn_from(robot: Robot) -> None:
+    n = 2000
+    config = {"bodies": ("torso", "left_thigh"), "first": (0.5, 1.5), "interval": (2.0, 4.0), "duration": 0.2}
+    random, pushes = random_pushes(robot, n, **config)
+    first = pushes.start.copy()
+    assert (first.min(), first.max()) == (pytest.approx(250, abs=3), pytest.approx(750, abs=3))
+    np.testing.assert_array_equal(pushes.end - pushes.start, 100)  # 0.2 s
+    bodies = [robot.body_id("torso"), robot.body_id("left_thigh")]
+    assert set(pushes.body) == set(bodies)
+    assert np.mean(pushes.body == bodies[0]) == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n))
+    random.advance(np.full(n, 10_000))  # all are over
+    wait = pushes.start - first
+    assert (wait.min(), wait.max()) == (pytest.approx(1000, abs=5), pytest.approx(2000, abs=5))
+
+
+def test_the_next_push_is_drawn_once_the_last_one_was_survived_for_2_s(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 4)
+    before = pushes.force.copy()
+    # Before it, in it, and just before and at the policy step that ends 2 s after its start at tick 500.
+    random.advance(np.array([0, 520, 1479, 1480]))
+    np.testing.assert_array_equal(pushes.start, [500, 500, 500, 3000])
+    np.testing.assert_array_equal(pushes.force[:3], before[:3])
+    assert (pushes.force[3] != before[3]).any()
+
+
+def test_pushes_that_follow_each_other_quickly_all_come(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 1, first=(0.5, 0.5), interval=(0.3, 0.3))
+    wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
+    pushed = []
+    for tick in range(0, 1000, TICKS_PER_STEP):
+        random.advance(np.array([tick]))
+        write_wrench(pushes, wrench, np.array([tick]))
+        pushed.append(wrench[0].any(axis=(1, 2)).copy())
+    begins = np.flatnonzero(np.diff(np.concatenate([[False], *pushed]).astype(int)) == 1)
+    np.testing.assert_array_equal(begins, [250, 400, 550, 700, 850])  # every 0.3 s
+
+
+def test_a_long_push_is_not_cut_short_by_the_next_draw(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 1, duration=3.0)
+    wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
+    num_ticks = 0
+    for tick in range(0, 3000, TICKS_PER_STEP):  # up to the second push
+        random.advance(np.array([tick]))
+        write_wrench(pushes, wrench, np.array([tick]))
+        num_ticks += np.count_nonzero(wrench[0].any(axis=(1, 2)))
+    assert num_ticks == 1500  # 3 s
+
+
+def test_some_pushes_come_a_quarter_of_a_second_after_one_upwards(robot: Robot) -> None:
+    n = 400
+    pushes, lifts = Pushes(robot, n), Pushes(robot, n)
+    config = DisturbanceConfig(impulse=(60.0, 60.0), first=(1.0, 1.0), lift=(200.0, 500.0), lift_share=0.25)
+    RandomPushes(config, pushes, np.random.default_rng(0), lifts).reset(np.arange(n))
+    lifted = pushes.start == 620  # 1 s and 0.24 s, at 500 ticks a second
+    assert lifted.mean() == pytest.approx(0.25, abs=4 * np.sqrt(0.25 * 0.75 / n))
+    assert set(pushes.start[~lifted]) == {500}
+    assert set(lifts.start[lifted]) == {500}
+    assert (lifts.start[~lifted] > 10**9).all()  # none
+    size = np.linalg.norm(pushes.force, axis=1) * 0.12
+    np.testing.assert_allclose(size, np.where(lifted, 30.0, 60.0))
+    impulse = lifts.force[lifted] * 0.12
+    np.testing.assert_array_equal(impulse[:, :2], 0.0)
+    assert 200.0 <= impulse[:, 2].min() < 230.0
+    assert 470.0 < impulse[:, 2].max() <= 500.0
+
+
+def test_a_share_of_the_pushes_is_small(robot: Robot) -> None:
+    n = 2000
+    _, pushes = random_pushes(robot, n, impulse=(100.0, 400.0), small=(6.0, 90.0), small_share=0.25)
+    size = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
+    small = size < 95.0
+    assert small.mean() == pytest.approx(0.25, abs=4 * np.sqrt(0.25 * 0.75 / n))
+    # Uniform over 84 Ns: the mean is 48, its deviation 84 / sqrt(12 * 500) = 1.1.
+    assert size[small].mean() == pytest.approx(48.0, abs=4 * 1.1)
+    assert size[~small].min() > 100.0
+
+
+def test_the_latest_push_is_the_one_that_has_begun(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 2, impulse=(60.0, 60.0), first=(1.0, 1.0), interval=(4.0, 4.0))
+    pushes.start[1] = 900
+    impulse, since = random.latest(np.array([520, 520]))
+    np.testing.assert_allclose(impulse, [60.0, 0.0])  # the second robot waits for its first one
+    np.testing.assert_array_equal(since, [20, 520])
+    random.advance(np.array([1600, 1600]))  # robot 0's next push is drawn for tick 2500
+    assert pushes.start[0] == 2500
+    np.testing.assert_array_equal(random.latest(np.array([1620, 1620]))[1], [1120, 720])
+    random.reset(np.array([0]))
+    np.testing.assert_allclose(random.latest(np.array([0, 1640]))[0], [0.0, 60.0])
+
+
+def test_pushes_with_a_push_upwards_count_as_larger_than_any(robot: Robot) -> None:
+    pushes, lifts = Pushes(robot, 8), Pushes(robot, 8)
+    config = DisturbanceConfig(impulse=(60.0, 60.0), first=(1.0, 1.0), lift=(200.0, 500.0), lift_share=0.5)
+    random = RandomPushes(config, pushes, np.random.default_rng(0), lifts)
+    random.reset(np.arange(8))
+    lifted = pushes.start > 500
+    assert 0 < lifted.sum() < 8
+    np.testing.assert_array_equal(random.latest(np.full(8, 700))[0], np.where(lifted, np.inf, 60.0))
+
+
+def test_pushes_with_a_focus_go_where_robots_sometimes_fall(robot: Robot) -> None:
+    n = 2000
+    random, pushes = random_pushes(robot, n, bodies=("torso",), impulse=(30.0, 300.0), focus=0.5)
+    random.fallen_share[:] = 0.0
+    # All fall where the weight f (1 - f) is 0 too; sometimes at 120 to 150 Ns about 45 degrees to either side.
+    random.fallen_share[6], random.fallen_share[2, 4] = 1.0, 0.3
+    random.reset(np.arange(n))
+    aimed = pushes.body == robot.body_id("pelvis")
+    assert aimed.mean() == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n))
+    x, y, _ = pushes.force[aimed].T * PUSH_DURATION
+    assert 120.0 <= np.hypot(x, y).min() < np.hypot(x, y).max() <= 150.0
+    degrees = np.degrees(np.arctan2(y, x))
+    assert np.abs(np.abs(degrees) - 45.0).max() <= 11.25 + 1e-9
+    assert np.mean(degrees > 0.0) == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n / 2))
+
+
+def test_falls_are_counted_with_the_mirror_image_and_forgotten_slowly(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 1, impulse=(30.0, 300.0), focus=1.0)
+    random.fallen_share[:] = 0.0
+    random.fallen_share[4, 2] = 0.5
+    random.reset(np.array([0]))  # 60 to 90 Ns to one side, sector 4 or 12
+    random.fell(np.array([0]), pushes.start + 100)
+    assert random.fallen_share[4, 2] == pytest.approx(0.95 * 0.5 + 0.05)
+    random.advance(pushes.start + 1000)  # and survived
+    assert random.fallen_share[4, 2] == pytest.approx(0.95 * (0.95 * 0.5 + 0.05))
+    assert np.count_nonzero(random.fallen_share) == 1
+
+
+# Curriculum.
+
+
+def give_push(random: RandomPushes, degrees: float, impulse: float) -> None:
+    """Robot 0's next push: drawn until it is the one wanted, within 11.25 degrees and 5 %."""
+    for _ in range(100_000):
+        random.reset(np.array([0]))
+        x, y, _ = random.pushes.force[0] * PUSH_DURATION
+        off = (np.degrees(np.arctan2(y, x)) - degrees + 180.0) % 360.0 - 180.0
+        if abs(off) < 11.25 and abs(np.hypot(x, y) / impulse - 1.0) < 0.05:
+            return
+    raise AssertionError("no such push is ever drawn")
+
+
+def test_without_a_curriculum_the_ceiling_is_the_ranges_end_for_ever(robot: Robot) -> None:
+    random, _ = random_pushes(robot, 8)
+    for tick in (1500, 4000, 6500):
+        random.advance(np.full(8, tick))
+    random.fell(np.arange(8), np.full(8, 9000))
+    np.testing.assert_array_equal(random.ceiling, np.full(16, 106.0))
+
+
+# With this curriculum every direction begins at 60 Ns and ends at 300.
+CURRICULUM = {"curriculum": 0.6, "impulse": (10.0, 60.0), "max_impulse": 300.0}
+
+
+def test_a_curriculum_begins_at_the_ranges_upper_end_in_every_direction(robot: Robot) -> None:
+    _, pushes = random_pushes(robot, 2000, **CURRICULUM)
+    magnitude = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
+    assert (magnitude.min(), magnitude.max()) == (pytest.approx(10.0, abs=0.2), pytest.approx(60.0, abs=0.2))
+
+
+@pytest.mark.parametrize(("degrees", "sector"), [(0.0, 0), (90.0, 4), (180.0, 8), (-90.0, 12), (-22.5, 15)])
+def test_a_survived_hard_push_raises_its_own_sector_only(robot: Robot, degrees: float, sector: int) -> None:
+    random, pushes = random_pushes(robot, 1, **CURRICULUM)
+    give_push(random, degrees, 55.0)  # hard: above 0.7 * 60 = 42 Ns
+    random.advance(pushes.start + 1000)  # 2 s later
+    expected = np.full(16, 60.0)
+    expected[sector] += 4.0 * (1.0 - 0.6)
+    np.testing.assert_allclose(random.ceiling, expected, rtol=1e-14)
+
+
+def test_a_fall_after_a_hard_push_sinks_its_own_sector_only(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 1, **CURRICULUM)
+    random.ceiling += 10.0
+    give_push(random, 90.0, 65.0)
+    random.fell(np.array([0]), pushes.start + 300)
+    expected = np.full(16, 70.0)
+    expected[4] -= 4.0 * 0.6
+    np.testing.assert_allclose(random.ceiling, expected, rtol=1e-14)
+
+
+def test_weak_pushes_and_falls_before_the_push_teach_nothing(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 1, **CURRICULUM)
+    random.ceiling += 10.0
+    give_push(random, 0.0, 30.0)
+    random.fell(np.array([0]), pushes.start + 300)
+    give_push(random, 0.0, 30.0)
+    random.advance(pushes.start + 1000)
+    give_push(random, 0.0, 65.0)
+    random.fell(np.array([0]), pushes.start - 1)
+    np.testing.assert_array_equal(random.ceiling, np.full(16, 70.0))
+
+
+def test_the_ceiling_settles_where_the_share_survived_is_the_one_asked_for(robot: Robot) -> None:
+    """A robot that survives exactly the pushes below 150 Ns, from every direction."""
+    n = 48
+    random, pushes = random_pushes(robot, n, **CURRICULUM)
+    everyone = np.arange(n)
+    ceilings = []
+    for _ in range(1000):
+        falls = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION > 150.0
+        random.fell(everyone[falls], pushes.start[falls] + 100)
+        random.reset(everyone[falls])
+        random.advance(np.where(falls, 0, pushes.start + 1000))
+        pushes.start -= pushes.start - 500  # each begins anew
+        ceilings.append(random.ceiling.mean())
+    # Hard pushes are uniform above 0.7 c, and nearly none is below 10: 60 % of (0.7 c, c) survive when
+    # 0.7 c + 0.6 * 0.3 c = 0.88 c = 150, c = 170 Ns.
+    assert np.mean(ceilings[-500:]) == pytest.approx(150.0 / 0.88, rel=0.03)
+
+
+def test_a_curriculum_never_leaves_its_range(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 300, curriculum=0.5, impulse=(80.0, 85.0), max_impulse=90.0)
+    for _ in range(30):
+        magnitude = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
+        assert magnitude.min() > 80.0 - 1e-9
+        assert magnitude.max() < 90.0 + 1e-9
+        random.advance(pushes.start + 1000)
+    random.fell(np.repeat(np.arange(300), 100), np.repeat(pushes.start + 1, 100))
+    assert random.ceiling.min() == 85.0
+
+
+# What users and seeds decide.
+
+
+def test_the_same_seed_draws_the_same_pushes_and_another_does_not(robot: Robot) -> None:
+    draws = []
+    for seed in (7, 7, 8):
+        random, pushes = random_pushes(robot, 10, seed, interval=(1.0, 5.0), bodies=("pelvis", "torso"))
+        random.advance(np.full(10, 560))
+        draws.append(np.column_stack([pushes.start, pushes.body, pushes.force]))
+    np.testing.assert_array_equal(draws[0], draws[1])
+    assert (draws[0] != draws[2]).any()
+
+
+def test_an_unknown_body_is_answered_with_the_known_ones(robot: Robot) -> None:
+    with pytest.raises(UserError) as error:
+        random_pushes(robot, 1, bodies=("pelvis", "knee"))
+    valid = "pelvis, torso, left_thigh, right_thigh, left_shank, right_shank"
+    assert str(error.value) == f"unknown body 'knee' of valkyrie; valid: {valid}"
