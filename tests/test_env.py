@@ -290,11 +290,11 @@ def test_foot_travel_costs_after_small_pushes_and_is_free_for_a_while_after_larg
     paid = []
     for _ in range(24):
         env.step(np.zeros((1, 11)))
-        paid.append(float(np.asarray(env._travel_price())[0]))
+        paid.append(float(np.asarray(env._charged())[0]))
     # Steps of 0.04 s: before the push at 0.4 s all costs; from its first step on the share; 0.5 s later all again.
-    np.testing.assert_allclose(paid[:10], 2.0)
-    np.testing.assert_allclose(paid[10:22], 2.0 * price)
-    np.testing.assert_allclose(paid[22:], 2.0)
+    np.testing.assert_allclose(paid[:10], 1.0)
+    np.testing.assert_allclose(paid[10:22], price)
+    np.testing.assert_allclose(paid[22:], 1.0)
 
 
 def test_foot_travel_is_free_after_a_drop_and_to_robots_with_noise() -> None:
@@ -303,7 +303,7 @@ def test_foot_travel_is_free_after_a_drop_and_to_robots_with_noise() -> None:
         env = make_env(2, **free, **config)
         env.reset(seed=0)
         env.step(np.zeros((2, 11)))
-        np.testing.assert_array_equal(env._travel_price(), 0.0)
+        np.testing.assert_array_equal(env._charged(), 0.0)
 
 
 def test_a_share_of_the_episodes_has_noise_of_any_size_up_to_the_largest() -> None:

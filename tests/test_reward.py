@@ -209,7 +209,7 @@ def test_every_robot_has_its_own_reward_and_the_means_are_over_all(
     # exp(-4.68 * 0.09) = 0.65627; (0.65627 + 1) / 2
     assert means["torso_pitch"] == pytest.approx(0.5 * (0.65627 + 1.0), abs=1e-5)
     assert means["pelvis_pitch"] == pytest.approx(1.0)
-    assert tuple(means) == (*reward.TERMS, "no_foot_contact", "non_foot_contact", "power", "foot_travel")
+    assert tuple(means) == (*reward.TERMS, "no_foot_contact", "non_foot_contact", "power", "foot_travel", "sway")
 
 
 def test_a_robot_that_really_stands_earns_nearly_1_per_step(standing: Ticks) -> None:
@@ -247,6 +247,15 @@ def test_a_foot_that_travels_costs_its_speed(perfect: Ticks, altered: Callable[.
     # With a knee at 0.1 m/s, 0.5 m/s counts as 0.1 ln(6) = 0.17918 m/s; times 4.
     bent = reward.step_reward(moving, HEIGHT, 0.0, travel_weight=4.0, travel_knee=0.1)[1]
     assert bent["foot_travel"] == pytest.approx(-0.71670, abs=1e-5)
+
+
+def test_a_com_that_sways_costs_its_horizontal_speed(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+    # 0.3 m/s forward and 0.4 m/s to the left are 0.5 m/s over the floor; 0.1 * 2 per m/s * 0.5 m/s = 0.1.
+    swaying = altered(still(perfect), com_velocity=(0.3, 0.4, 0.2))
+    free = reward.step_reward(swaying, HEIGHT, 0.0)[0]
+    charged, means = reward.step_reward(swaying, HEIGHT, 0.0, sway_weight=2.0)
+    assert free[0] - charged[0] == pytest.approx(0.1)
+    assert means["sway"] == pytest.approx(-1.0)
 
 
 def still(ticks: Ticks) -> Ticks:

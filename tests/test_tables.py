@@ -53,6 +53,14 @@ def test_a_terminal_shows_what_stands_in_brackets() -> None:
     assert all(text in shown for text in ("T [x]", "b [m]", "[red]mine", "1 [2]", "N [y]"))
 
 
+def test_over_seeds_the_median_and_the_range_of_the_worse_direction_are_told() -> None:
+    # forward, left, backward, right: sagittal 210, 240, 300 and lateral 90, 240, 150; one seed of ppo is no spread.
+    seeds = ([300, 90, 210, 120], [240, 300, 300, 240], [330, 150, 300, 180])
+    several = [("trpo", found("pelvis_push", sizes)) for sizes in seeds]
+    table = tables.seeds_table([*several, ("ppo", found("pelvis_push", seeds[0]))])
+    assert table.rows == [["trpo", "3", "240", "210 to 300", "240", "150", "90 to 240", "78"]]
+
+
 # The paper's own numbers.
 
 

@@ -42,8 +42,10 @@ class EnvConfig:
         power_knee: from about this power on, more costs ever less [W]; see `reward.step_reward`.
         travel_weight: penalty per m/s of the feet's horizontal speeds, over the share of the training done.
         travel_knee: from about this speed on, more costs ever less [m/s].
-        travel_free: range of the last push's impulse over which foot travel becomes free [Ns]: a small push is to be
-            answered without a step, a large one may cost any number; without it, travel always costs. It is free too
+        sway_weight: penalty per m/s of the CoM's horizontal speed, over the share of the training done.
+        travel_free: range of the last push's impulse over which foot travel and sway become free [Ns]: a small push
+            is to be answered without a step, a large one may cost any number; without it, they always cost. They are
+            free too
         travel_free_s: for so long after a large push or a drop [s], and to robots with noise.
         noise_share: share of the episodes with noise, of a size that is uniform up to
         observation_noise, action_noise: standard deviations, see `Imperfections`.
@@ -62,6 +64,7 @@ class EnvConfig:
     power_knee: float | None = None
     travel_weight: Schedule = ((0.0, 0.0),)
     travel_knee: float | None = None
+    sway_weight: Schedule = ((0.0, 0.0),)
     travel_free: tuple[float, float] | None = None
     travel_free_s: float = 3.0
     noise_share: float = 0.0
@@ -115,6 +118,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         """Tell the schedules the share of the training done, 0 to 1."""
         self.power_weight = _at(progress, self.config.power_weight)
         self.travel_weight = _at(progress, self.config.travel_weight)
+        self.sway_weight = _at(progress, self.config.sway_weight)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -129,13 +133,15 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         """Advance every robot by one policy step: act, simulate, reward, observe."""
         self.random_pushes.advance(self.loop.tick)
         ticks = self.loop.step(actions)
+        charged = self._charged()
         rewards, self.reward_means = reward.step_reward(
             ticks,
             self.loop.nominal_com_height,
             self.power_weight,
             self.config.power_knee,
-            self._travel_price(),
+            self.travel_weight * charged,
             self.config.travel_knee,
+            self.sway_weight * charged,
         )
         self._heading = ticks.heading[:, -1].copy()
         observations = self.loop.observation.astype(np.float32)
@@ -168,16 +174,16 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         impulse *= near * left
         return np.stack([near, np.abs(impulse), impulse.real, impulse.imag], axis=1)
 
-    def _travel_price(self) -> np.ndarray | float:
-        """Penalty per m/s of the feet, for each robot if it depends on the last push: (N,)."""
-        if not self.travel_weight or self.config.travel_free is None:
-            return self.travel_weight
+    def _charged(self) -> np.ndarray | float:
+        """Share of the price of foot travel and sway that each robot pays after its last push: (N,)."""
+        if not (self.travel_weight or self.sway_weight) or self.config.travel_free is None:
+            return 1.0
         impulse, since = self.random_pushes.latest(self.loop.tick)
         free = np.interp(impulse, self.config.travel_free, (0.0, 1.0))
         free[self._dropped & (impulse == 0.0)] = 1.0
         free[since > self.config.travel_free_s * CONTROL_HZ] = 0.0
         free[self.loop.imperfect] = 1.0
-        return self.travel_weight * (1.0 - free)
+        return 1.0 - free
 
     def _reset(self, ids: np.ndarray) -> None:
         rng, config, n = self.generator, self.config, len(ids)

@@ -98,7 +98,7 @@ TERMS: dict[str, Term] = {
 }
 _WEIGHT = np.array([term.weight for term in TERMS.values()])
 _ALPHA = np.array([term.alpha for term in TERMS.values()])
-NAMES = (*TERMS, "no_foot_contact", "non_foot_contact", "power", "foot_travel")
+NAMES = (*TERMS, "no_foot_contact", "non_foot_contact", "power", "foot_travel", "sway")
 
 
 def step_reward(
@@ -108,6 +108,7 @@ def step_reward(
     power_knee: float | None = None,
     travel_weight: np.ndarray | float = 0.0,
     travel_knee: float | None = None,
+    sway_weight: np.ndarray | float = 0.0,
 ) -> tuple[np.ndarray, dict[str, float]]:
     """Reward of one policy step.
 
@@ -119,6 +120,8 @@ def step_reward(
         travel_weight: penalty per m/s of both feet's horizontal speeds together, on the same scale, so that the robot
             steps only where it must; of all robots or of each, (num_robots,).
         travel_knee: the same for that speed [m/s].
+        sway_weight: penalty per m/s of the CoM's horizontal speed, so that the robot stays where it stands; of all
+            robots or of each.
 
     Returns:
         reward: (num_robots,).
@@ -135,6 +138,7 @@ def step_reward(
             NON_FOOT_CONTACT * ticks.non_foot_contact.mean(axis=-1),
             -power_weight * _bent(ticks.power, power_knee).mean(axis=-1),
             -travel_weight * _bent(speed, travel_knee),
+            -sway_weight * np.abs(horizontal(ticks.com_velocity)).mean(axis=-1),
         ]
     )
     reward = STEP_SCALE * (SCALE / _WEIGHT.sum() * (_WEIGHT @ terms) + penalties.sum(axis=0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -232,6 +232,30 @@ def worst_table(policies: Mapping[str, Sequence[Threshold]]) -> Table:
     columns = ["", *(f"{_words(s.name)} [{s.unit}]" for s in searched)]
     note = "The largest value that holds in every direction that was tested."
     return Table("The worst direction of every scenario", columns, rows, note)
+
+
+def seeds_table(policies: Iterable[tuple[str, Sequence[Threshold]]]) -> Table:
+    """Median and range over the policies that one algorithm learned, beside the paper's single runs.
+
+    Args:
+        policies: each one's algorithm and thresholds; an algorithm with one policy gets no row.
+    """
+    groups: dict[str, list[dict[str, Threshold]]] = {}
+    for algorithm, thresholds in policies:
+        if has_main_directions(pushes := pelvis_pushes(thresholds)):
+            groups.setdefault(algorithm, []).append(pushes)
+    rows = []
+    for algorithm, several in groups.items():
+        if len(several) > 1:
+            row = paper_row(algorithm)
+            cells = [algorithm, str(len(several))]
+            for plane, names in (("sagittal", ("forward", "backward")), ("lateral", ("left", "right"))):
+                sizes = [worse_of(pushes, names).size for pushes in several]
+                cells += [f"{np.median(sizes):g}", f"{min(sizes):g} to {max(sizes):g}"]
+                cells.append(f"{getattr(row, plane):g}" if row else "")
+            rows.append(cells)
+    columns = ["algorithm", "seeds", "sagittal", "range", "paper", "lateral", "range", "paper"]
+    return Table("Over seeds: rejected impulse [Ns]", columns, rows, "Median over seeds of the worse direction.")
 
 
 def table_2(fixed: Fixed) -> Table:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 import tyro
@@ -118,12 +118,13 @@ class Replay:
 
 @dataclass(frozen=True)
 class Table:
-    """Print tables from exported thresholds: Table I beside the paper's, or the worst direction of everything."""
+    """Print a table of exported thresholds, for a terminal or a page."""
 
     thresholds: Annotated[Path, tyro.conf.Positional]
     """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
-    worst: bool = False
-    """The worst direction of every scenario instead of Table I."""
+    show: Literal["main", "worst", "seeds"] = "main"
+    """main: Table I beside the paper's. worst: the worst direction of every scenario. seeds: median and range over the
+    policies that one algorithm learned, which are named ALGORITHM-SEED."""
     markdown: bool = False
     """As Markdown instead of a drawn table."""
 
@@ -133,7 +134,12 @@ class Table:
         from surefoot.robot import load_robot
 
         policies = read_thresholds(self.thresholds)
-        table = tables.worst_table(policies) if self.worst else tables.table_1(policies, load_robot())
+        if self.show == "seeds":
+            table = tables.seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
+        elif self.show == "worst":
+            table = tables.worst_table(policies)
+        else:
+            table = tables.table_1(policies, load_robot())
         if self.markdown:
             sys.stdout.write(table.markdown())
         else:

@@ -40,6 +40,7 @@ LEFT_OUT: dict[str, Change] = {
     "knee-in-power-price": _env(power_knee=None, power_weight=((0.0, 3e-4), (0.4, 3e-4), (0.8, 2e-3), (1.0, 3e-3))),
     "rising-power-price": _env(power_weight=((0.0, 1e-3),)),
     "correlated-noise": _run(noise_correlation=0.0),
+    "foresight": _run(foresight=False),
     "averaged-actor": _run(average_steps=0.0),
     "mirrored-replays": _run(mirror=False),
     "bent-pose": _env(pose="straight"),

@@ -15,7 +15,7 @@ from surefoot import observation
 from surefoot.env import NUM_FORESEEN
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import BatchDDPG, ExplorationNoise, MirroredReplayBuffer
-from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy
+from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, with_next_push
 from surefoot.learning.sb3 import SB3VecEnv
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": BatchDDPG}
@@ -28,20 +28,22 @@ def make_model(
     hyper = {**config.hyper, "learning_rate": learning_rate}
     common: dict[str, Any] = {"seed": config.seed, "device": "cpu"}
     robot = venv.env.robot
-    mirrors = (observation.mirror(robot), observation.mirror_joints(robot)) if config.mirror else None
+    for_observation, for_action = observation.mirror(robot), observation.mirror_joints(robot)
+    foreseen = {"foreseen": NUM_FORESEEN if config.foresight else 0}
     if config.algorithm == "ddpg":
         torch.set_num_threads(1)  # the other cores move the robots meanwhile
-        networks: dict[str, Any] = {"net_arch": {"pi": list(config.actor), "qf": list(config.critic)}}
-        if mirrors:
+        networks: dict[str, Any] = {"net_arch": {"pi": list(config.actor), "qf": list(config.critic)}, **foreseen}
+        if config.mirror:
             hyper["replay_buffer_class"] = MirroredReplayBuffer
+            for_critic = with_next_push(for_observation) if config.foresight else for_observation
             n_step_return = {"n_steps": hyper.pop("n_steps", 1), "gamma": hyper["gamma"]}
-            hyper["replay_buffer_kwargs"] = {"mirrors": mirrors, **n_step_return}
+            hyper["replay_buffer_kwargs"] = {"mirrors": (for_critic, for_action), **n_step_return}
         hyper["action_noise"] = ExplorationNoise(
             (config.num_envs, robot.num_joints), config.noise, config.noise_correlation, rng
         )
         return ALGORITHMS["ddpg"](DeterministicPolicy, venv, policy_kwargs=networks, **hyper, **common)
-    networks = {"net_arch": {"pi": list(config.actor), "vf": list(config.critic)}, "log_std_init": config.log_std}
-    networks |= {"mirrors": mirrors, "foreseen": NUM_FORESEEN if venv.foresight else 0}
+    networks = {"net_arch": {"pi": list(config.actor), "vf": list(config.critic)}, **foreseen}
+    networks |= {"log_std_init": config.log_std, "mirrors": (for_observation, for_action) if config.mirror else None}
     return ALGORITHMS[config.algorithm](GaussianPolicy, venv, policy_kwargs=networks, **hyper, **common)
 
 

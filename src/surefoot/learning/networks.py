@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.td3.policies import Actor, TD3Policy
 from torch import nn
 
@@ -103,19 +104,33 @@ class GaussianPolicy(ActorCriticPolicy):
         if self._mirrors:
             for_observation, for_action = self._mirrors
             networks.policy_net = _Symmetric(networks.policy_net, for_observation, for_action)
-            source, sign = for_observation
-            if self._foreseen:
-                source = np.append(source, np.arange(num_observed, self.features_dim))
-                sign = np.append(sign, FORESEEN_SIGNS)
-            networks.value_net = _Symmetric(networks.value_net, (source, sign), None)
+            for_critic = with_next_push(for_observation) if self._foreseen else for_observation
+            networks.value_net = _Symmetric(networks.value_net, for_critic, None)
         self.mlp_extractor = networks  # type: ignore[assignment]
 
 
+class _Observed(BaseFeaturesExtractor):
+    """The first of the inputs, as many as there are features."""
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        return inputs[:, : self.features_dim]
+
+
 class DeterministicPolicy(TD3Policy):
-    """The paper's tanh actor for DDPG (squashed into the action's bounds, as SB3 needs it) and a ReLU critic."""
+    """The paper's tanh actor for DDPG (squashed into the action's bounds, as SB3 needs it) and a ReLU critic.
+
+    Args:
+        foreseen: the observation ends with so many numbers that only the critic sees; see `GaussianPolicy`.
+    """
+
+    def __init__(self, *args: Any, foreseen: int = 0, **kwargs: Any):
+        self._foreseen = foreseen
+        super().__init__(*args, **kwargs)
 
     def make_actor(self, features_extractor: Any = None) -> Actor:
-        arguments = self._update_features_extractor(self.actor_kwargs, features_extractor)
+        (num_inputs,) = self.observation_space.shape or (0,)
+        observed = _Observed(self.observation_space, num_inputs - self._foreseen)
+        arguments = self._update_features_extractor(self.actor_kwargs, features_extractor or observed)
         actor = Actor(**{**arguments, "activation_fn": nn.Tanh}).to(self.device)
         # Begin by holding the nominal pose, as SB3's Gaussian policies do, not with random postures.
         with torch.no_grad():
@@ -123,6 +138,12 @@ class DeterministicPolicy(TD3Policy):
             output.weight *= 0.01
             output.bias.zero_()
         return actor
+
+
+def with_next_push(mirror: Mirror) -> Mirror:
+    """The mirror of an observation, for one that the next push follows."""
+    source, sign = mirror
+    return np.append(source, len(source) + np.arange(len(FORESEEN_SIGNS))), np.append(sign, FORESEEN_SIGNS)
 
 
 def tensors(mirror: Mirror) -> tuple[torch.Tensor, torch.Tensor]:
@@ -140,6 +161,31 @@ def _mlp(num_inputs: int, layers: Sequence[int], num_outputs: int, activation: t
 
 def _linear(network: nn.Module) -> list[nn.Linear]:
     return [module for module in network.modules() if isinstance(module, nn.Linear)]
+
+
+def with_foresight(parameters: Mapping[str, Any], num_observed: int) -> dict[str, Any]:
+    """What a DDPG model without foresight learned, for one with it: its critic is told the next push, unheeded yet.
+
+    Args:
+        parameters: as SB3's `get_parameters` gives them.
+        num_observed: length of the observation.
+    """
+
+    def widened(weight: torch.Tensor) -> torch.Tensor:
+        observed, acted = weight.split([num_observed, weight.shape[1] - num_observed], dim=1)
+        return torch.cat([observed, torch.zeros(len(weight), len(FORESEEN_SIGNS)), acted], dim=1)
+
+    policy, optimizer = dict(parameters["policy"]), parameters["critic.optimizer"]
+    for name in ("critic.qf0.0.weight", "critic_target.qf0.0.weight"):
+        policy[name] = widened(policy[name])
+    first, *others = optimizer["state"].items()
+    key, moments = first
+    moments = {name: value if name == "step" else widened(value) for name, value in moments.items()}
+    return {
+        **parameters,
+        "policy": policy,
+        "critic.optimizer": {**optimizer, "state": {key: moments, **dict(others)}},
+    }
 
 
 Layers = list[tuple[np.ndarray, np.ndarray]]

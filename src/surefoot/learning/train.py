@@ -27,7 +27,7 @@ from surefoot.env import PushRecoveryVectorEnv
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.models import limit_exploration, make_model
-from surefoot.learning.networks import actor_layers
+from surefoot.learning.networks import actor_layers, with_foresight
 from surefoot.learning.probe import Probe, probe
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
@@ -232,8 +232,10 @@ class Trainer:
     def _inherit(self, folder: RunFolder) -> None:
         """Begin with the networks of another run: an own clock, schedule and curve."""
         parameters, state = folder.load_checkpoint()
-        self._take_networks(parameters, state)
         config, before = folder.config(), state.get("inherited", {})
+        if self.config.foresight and not config.foresight:
+            parameters = with_foresight(parameters, len(self.venv.normalise.mean))
+        self._take_networks(parameters, state)
         self._inherited = {
             "preset": config.preset,
             "seed": config.seed,
@@ -261,6 +263,8 @@ def check_heir(config: TrainConfig, before: TrainConfig, path: Path) -> None:
         UserError: no; it names what differs.
     """
     ours, theirs = dataclasses.asdict(config), dataclasses.asdict(before)
+    if config.algorithm == "ddpg" and config.foresight:
+        theirs["foresight"] = True  # a critic can be told of it later
     for name in ("algorithm", "actor", "critic", "mirror", "foresight"):
         if ours[name] != theirs[name]:
             raise UserError(f"{path} was learned with {name} {theirs[name]}, this run has {ours[name]}")

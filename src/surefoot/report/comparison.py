@@ -12,7 +12,7 @@ from surefoot.evaluation import Threshold
 from surefoot.figures import share_kept
 from surefoot.report.read import Evaluation
 from surefoot.scenarios import DIRECTIONS, NOISE, ROBUSTNESS
-from surefoot.tables import Table, by_scenario, pelvis_pushes, worse_of
+from surefoot.tables import Table, by_scenario, worse_of
 
 _ROBUSTNESS_NAMES = {scenario.name for scenario in ROBUSTNESS}
 
@@ -24,7 +24,8 @@ def side_by_side(evaluations: Sequence[Evaluation]) -> list[Table]:
     if main:
         found.append(tables.table_1(main, evaluations[0].robot))
     if len(evaluations) > 1:
-        found += [tables.worst_table({e.name: e.thresholds for e in evaluations}), seeds_table(evaluations)]
+        seeds = [(e.algorithm, e.thresholds) for e in evaluations]
+        found += [tables.worst_table({e.name: e.thresholds for e in evaluations}), tables.seeds_table(seeds)]
     studied = {name: thresholds for name, thresholds in main.items() if tables.has_table_4(name, thresholds)}
     found += [tables.table_4(studied, evaluations[0].robot), tables.published_table()]
     found.append(timing_table({e.name: e.timing for e in evaluations if e.timing}))
@@ -42,26 +43,6 @@ def of_policy(evaluation: Evaluation) -> list[Table]:
     found += [limits_table(e.thresholds), tables.scenario_table(e.name, others), robustness_table(e.thresholds)]
     found += [tables.quiet_table(e.fixed), audit_table(e)]
     return [table for table in found if table.rows]
-
-
-def seeds_table(evaluations: Sequence[Evaluation]) -> Table:
-    """Median and range over the policies that one algorithm learned, beside the paper's single runs."""
-    groups: dict[str, list[Evaluation]] = {}
-    for e in evaluations:
-        if e.has_main_directions:
-            groups.setdefault(e.algorithm, []).append(e)
-    rows = []
-    for algorithm, several in groups.items():
-        if len(several) > 1:
-            row = tables.paper_row(algorithm)
-            cells = [algorithm, str(len(several))]
-            for plane, names in (("sagittal", ("forward", "backward")), ("lateral", ("left", "right"))):
-                sizes = [worse_of(pelvis_pushes(e.thresholds), names).size for e in several]
-                cells += [f"{np.median(sizes):g}", f"{min(sizes):g} to {max(sizes):g}"]
-                cells.append(f"{getattr(row, plane):g}" if row else "")
-            rows.append(cells)
-    columns = ["algorithm", "seeds", "sagittal", "range", "paper", "lateral", "range", "paper"]
-    return Table("Over seeds: rejected impulse [Ns]", columns, rows, "Median over seeds of the worse direction.")
 
 
 def share_kept_table(evaluations: Sequence[Evaluation]) -> Table:
