@@ -43,16 +43,20 @@ SEEDS := 0 1 2
 POLICIES := src/surefoot/policies
 results: $(READY)
 	for s in $(SEEDS); do \
-	    $(BIN)/surefoot train --algorithm trpo --minutes 15 --seed $$s --run runs/results-trpo-$$s && \
-	    $(BIN)/surefoot train --algorithm ppo --minutes 15 --seed $$s --run runs/results-ppo-$$s && \
-	    $(BIN)/surefoot train --algorithm ddpg --minutes 5 --seed $$s --run runs/results-ddpg-$$s || exit 1; \
-	    for a in $(ALGORITHMS); do cp runs/results-$$a-$$s/curve.csv results/curves/$$a-$$s.csv; done; done
-	$(BIN)/surefoot train --preset wide --run runs/results-wide
-	$(BIN)/surefoot train --preset steady --after runs/results-wide --run runs/results-steady
-	$(BIN)/surefoot train --preset complete --after runs/results-steady --run runs/results-complete
-	$(BIN)/surefoot select runs/results-trpo-* --out $(POLICIES)/trpo.onnx
-	$(BIN)/surefoot select runs/results-ppo-* --out $(POLICIES)/ppo.onnx
-	$(BIN)/surefoot select runs/results-wide runs/results-steady runs/results-complete --out $(POLICIES)/ddpg.onnx
+	    $(BIN)/surefoot train --algorithm trpo --minutes 15 --seed $$s --run runs/results/trpo-$$s && \
+	    $(BIN)/surefoot train --algorithm ppo --minutes 15 --seed $$s --run runs/results/ppo-$$s && \
+	    $(BIN)/surefoot train --algorithm ddpg --minutes 5 --seed $$s --run runs/results/ddpg-$$s || exit 1; \
+	    for a in $(ALGORITHMS); do \
+	        cp runs/results/$$a-$$s/curve.csv results/curves/$$a-$$s.csv; \
+	        $(BIN)/surefoot evaluate runs/results/$$a-$$s --results runs/seeds.sqlite \
+	            --export-thresholds results/seeds.csv || exit 1; done; done
+	$(BIN)/surefoot ablate --export results/ablations/left-out
+	$(BIN)/surefoot train --preset wide --run runs/results/wide
+	$(BIN)/surefoot train --preset steady --after runs/results/wide --run runs/results/steady
+	$(BIN)/surefoot train --preset complete --after runs/results/steady --run runs/results/complete
+	$(BIN)/surefoot select runs/results/trpo-* --out $(POLICIES)/trpo.onnx
+	$(BIN)/surefoot select runs/results/ppo-* --out $(POLICIES)/ppo.onnx
+	$(BIN)/surefoot select runs/results/wide runs/results/steady runs/results/complete --out $(POLICIES)/ddpg.onnx
 	$(MAKE) results-tables
 
 results-tables: $(READY)

@@ -297,13 +297,14 @@ def test_foot_travel_costs_after_small_pushes_and_is_free_for_a_while_after_larg
     np.testing.assert_allclose(paid[22:], 1.0)
 
 
-def test_foot_travel_is_free_after_a_drop_and_to_robots_with_noise() -> None:
-    free = {"travel_weight": ((0.0, 2.0),), "travel_free": (60.0, 120.0), "disturbance": NO_PUSH}
-    for config in ({"drop_share": 1.0, "drop_height": (0.1, 0.1)}, {"noise_share": 1.0, "action_noise": 0.1}):
-        env = make_env(2, **free, **config)
+def test_moving_is_free_after_a_drop_and_stepping_also_to_robots_with_noise() -> None:
+    prices = {"travel_weight": ((0.0, 2.0),), "sway_weight": ((0.0, 2.0),), "travel_free": (60.0, 120.0)}
+    drop, noise = {"drop_share": 1.0, "drop_height": (0.1, 0.1)}, {"noise_share": 1.0, "action_noise": 0.1}
+    for config, paid in ((drop, (False, False)), (noise, (False, True)), ({}, (True, True))):
+        env = make_env(2, disturbance=NO_PUSH, **prices, **config)
         env.reset(seed=0)
-        env.step(np.zeros((2, 11)))
-        np.testing.assert_array_equal(env._charged(), 0.0)
+        env.step(np.full((2, 11), 0.2))
+        assert (env.reward_means["foot_travel"] < 0.0, env.reward_means["sway"] < 0.0) == paid
 
 
 def test_a_share_of_the_episodes_has_noise_of_any_size_up_to_the_largest() -> None:

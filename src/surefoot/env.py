@@ -46,7 +46,7 @@ class EnvConfig:
         travel_free: range of the last push's impulse over which foot travel and sway become free [Ns]: a small push
             is to be answered without a step, a large one may cost any number; without it, they always cost. They are
             free too
-        travel_free_s: for so long after a large push or a drop [s], and to robots with noise.
+        travel_free_s: for so long after a large push or a drop [s]. To robots with noise foot travel is always free.
         noise_share: share of the episodes with noise, of a size that is uniform up to
         observation_noise, action_noise: standard deviations, see `Imperfections`.
         disturbance: the pushes.
@@ -139,7 +139,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
             self.loop.nominal_com_height,
             self.power_weight,
             self.config.power_knee,
-            self.travel_weight * charged,
+            self.travel_weight * charged * ~self.loop.imperfect,
             self.config.travel_knee,
             self.sway_weight * charged,
         )
@@ -174,15 +174,14 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         impulse *= near * left
         return np.stack([near, np.abs(impulse), impulse.real, impulse.imag], axis=1)
 
-    def _charged(self) -> np.ndarray | float:
+    def _charged(self) -> np.ndarray:
         """Share of the price of foot travel and sway that each robot pays after its last push: (N,)."""
         if not (self.travel_weight or self.sway_weight) or self.config.travel_free is None:
-            return 1.0
+            return np.ones(self.num_envs)
         impulse, since = self.random_pushes.latest(self.loop.tick)
         free = np.interp(impulse, self.config.travel_free, (0.0, 1.0))
         free[self._dropped & (impulse == 0.0)] = 1.0
         free[since > self.config.travel_free_s * CONTROL_HZ] = 0.0
-        free[self.loop.imperfect] = 1.0
         return 1.0 - free
 
     def _reset(self, ids: np.ndarray) -> None:

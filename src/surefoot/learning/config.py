@@ -226,25 +226,26 @@ _STEADY = {
         average_steps=200_000.0,
     )
 }
-# After `steady`: everything else that a robot may meet, and no step where none is needed.
+# After `steady`: everything else that a robot may meet, and no motion where none is needed.
 _COMPLETE_ENV = dataclasses.replace(
     _STEADY_ENV,
     drop_share=0.15,
-    drop_lean=0.4,
-    travel_weight=((0.0, 2.0), (0.3, 3.0)),
+    drop_lean=0.45,
+    travel_weight=((0.0, 3.0),),
+    sway_weight=((0.0, 2.0),),
     travel_free=(60.0, 120.0),
     travel_free_s=6.0,
-    noise_share=0.15,
+    noise_share=0.2,
     action_noise=0.1,
     disturbance=dataclasses.replace(
         _STEADY_ENV.disturbance,
-        bodies=("pelvis",) * 4 + ("torso",) * 2 + ("left_thigh", "right_thigh", "left_shank", "right_shank"),
+        bodies=("pelvis",) * 4 + ("torso",) * 3 + ("left_thigh", "right_thigh") * 2 + ("left_shank", "right_shank"),
         impulse=(30.0, 450.0),
         small=(6.0, 100.0),
         small_share=0.25,
         focus=0.2,
         lift=(200.0, 600.0),
-        lift_share=0.12,
+        lift_share=0.15,
     ),
 )
 _COMPLETE = {
@@ -259,11 +260,11 @@ _COMPLETE = {
             "batch_size": 384,
             "buffer_size": 1_000_000,
             "learning_starts": 10_000,
-            "learning_rate": 4e-4,
+            "learning_rate": 3e-4,
         },
-        final_learning_rate=0.1,
+        final_learning_rate=0.2,
         noise=(0.01, 0.15),
-        final_noise=0.4,
+        final_noise=0.6,
         average_steps=300_000.0,
     )
 }
