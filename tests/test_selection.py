@@ -31,15 +31,20 @@ def test_a_probe_uses_trials_that_the_evaluation_never_sees() -> None:
     assert set(found.rejected) >= {"forward", "left", "backward", "right", "45"}
 
 
-def test_probes_of_other_rounds_use_other_trials() -> None:
+def test_probes_of_other_rounds_use_other_trials_and_some_other_directions() -> None:
     policy = NominalPolicy(load_robot(), "bent")
     seeds: list[set[int]] = []
-    for number in (0, 1):
+    directions: list[set[float]] = []
+    for number in (0, 1, 2):
         with mock.patch("surefoot.learning.probe.run_list", wraps=run_list) as runner:
             probe(policy, round=number)
-        seeds.append({trial.seed for trial in runner.call_args.args[1]})
-    assert len(seeds[0]) == len(seeds[1]) == 128
-    assert not seeds[0] & seeds[1]
+        trials = runner.call_args.args[1]
+        seeds.append({trial.seed for trial in trials})
+        angles = np.degrees([np.arctan2(trial.push.direction[1], trial.push.direction[0]) for trial in trials])
+        directions.append(set(np.round(angles % 360.0, 3)))
+    assert [len(each) for each in seeds] == [128, 128, 128]
+    assert len(set.union(*seeds)) == 3 * 128
+    assert directions == [{45.0 * k for k in range(8)}] * 2 + [{45.0 * k + 22.5 for k in range(8)}]
 
 
 def test_an_exam_tells_by_scenario_how_much_of_the_way_to_the_goal_holds() -> None:

@@ -34,7 +34,10 @@ class Candidate:
     @property
     def rejected(self) -> dict[str, float]:
         """The largest impulse below which nothing failed in any probe, by direction name [Ns]."""
-        return {name: min(probe.rejected[name] for probe in self.probes) for name in self.probes[0].rejected}
+        found: dict[str, float] = {}
+        for name, impulse in (item for each in self.probes for item in each.rejected.items()):
+            found[name] = min(impulse, found.get(name, impulse))
+        return found
 
     @property
     def passed(self) -> dict[str, float]:
