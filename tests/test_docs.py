@@ -11,7 +11,9 @@ from surefoot import figures, tables
 from surefoot.bench import run_bench
 from surefoot.cli import main
 from surefoot.controllers import shipped_controllers
+from surefoot.curve import read_curve
 from surefoot.evaluation import DIRECTIONS, push_lines
+from surefoot.learning.ablations import LEFT_OUT, ablation_table
 from surefoot.policy import load_policy, shipped_policies
 from surefoot.results import read_thresholds
 from surefoot.robot import load_robot
@@ -28,7 +30,7 @@ TABLE = re.compile(
 
 
 @pytest.mark.parametrize(
-    ("page", "num_tables"), [("README.md", 1), ("docs/controllers.md", 2), ("results/README.md", 1)]
+    ("page", "num_tables"), [("README.md", 1), ("docs/controllers.md", 2), ("results/README.md", 3)]
 )
 def test_a_pages_tables_are_what_their_commands_print(
     page: str, num_tables: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
@@ -40,6 +42,12 @@ def test_a_pages_tables_are_what_their_commands_print(
         monkeypatch.setattr(sys, "argv", block["command"].split())
         main()
         assert block["text"] == capsys.readouterr().out
+
+
+def test_the_recipes_ablations_are_the_committed_ones() -> None:
+    folder = ROOT / "results" / "ablations" / "left-out"
+    table = ablation_table({name: read_curve(folder / f"{name}.csv") for name in LEFT_OUT})
+    assert table.markdown() in (ROOT / "docs" / "recipe.md").read_text()
 
 
 def test_every_shipped_controller_has_its_thresholds() -> None:
