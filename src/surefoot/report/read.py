@@ -10,7 +10,7 @@ from typing import Any
 from surefoot import tables
 from surefoot.controllers.step_times import Timing
 from surefoot.errors import UserError
-from surefoot.evaluation import NUM_SAMPLED, NUM_WHOLE, Threshold, whole_outcomes
+from surefoot.evaluation import NUM_SAMPLED, NUM_WHOLE, Threshold, recall, whole_outcomes
 from surefoot.judge import Outcome
 from surefoot.policy import Contract
 from surefoot.results import Key, Results, TrialStore, open_results
@@ -191,7 +191,7 @@ def _largest_recovered(thresholds: Iterable[Threshold], store: TrialStore) -> Ca
     cell = round(largest.size / largest.line.grid)
     for seed in range(largest.trials):
         trial = largest.line.trial(cell, seed, whole=True)
-        outcome = store.get(trial)
+        outcome = recall(store, trial)
         if outcome and outcome.recovered:
             return Case(trial, outcome)
     return None
