@@ -297,6 +297,25 @@ def test_foot_travel_costs_after_small_pushes_and_is_free_for_a_while_after_larg
     np.testing.assert_allclose(paid[22:], 1.0)
 
 
+@pytest.mark.parametrize(("impulse", "pays"), [(50.0, True), (90.0, False)])
+def test_the_nominal_pose_is_asked_for_until_the_first_push_after_which_stepping_is_free(
+    impulse: float, pays: bool
+) -> None:
+    push = DisturbanceConfig(impulse=(impulse, impulse), first=(0.4, 0.4))
+    prices = {"posture_weight": ((0.0, 2.0),), "travel_free": (60.0, 120.0), "travel_free_s": 0.2}
+    env = make_env(1, pose="bent", disturbance=push, **prices)
+    env.reset(seed=0)
+    paid = []
+    for _ in range(24):
+        env.step(np.full((1, 11), 0.1))
+        paid.append(env.reward_means["posture"] < 0.0)
+    # Steps of 0.04 s, the push at 0.4 s. Foot travel costs again 0.2 s later, the posture only in the next episode.
+    assert paid == [True] * 10 + [pays] * 14
+    env.reset()
+    env.step(np.full((1, 11), 0.1))
+    assert env.reward_means["posture"] < 0.0
+
+
 def test_moving_is_free_after_a_drop_and_stepping_also_to_robots_with_noise() -> None:
     prices = {"travel_weight": ((0.0, 2.0),), "sway_weight": ((0.0, 2.0),), "travel_free": (60.0, 120.0)}
     drop, noise = {"drop_share": 1.0, "drop_height": (0.1, 0.1)}, {"noise_share": 1.0, "action_noise": 0.1}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from surefoot import reward
+from surefoot.reward import Prices
 from surefoot.robot import Robot
 from surefoot.simulation import TICKS_PER_STEP, Simulation
 from surefoot.ticks import Ticks
@@ -56,7 +57,7 @@ def about_y(angle: float) -> tuple[float, ...]:
 
 
 def of_step(ticks: Ticks, power_weight: float = 0.0) -> float:
-    return float(reward.step_reward(ticks, HEIGHT, power_weight)[0][0])
+    return float(reward.step_reward(ticks, HEIGHT, Prices(power_weight))[0][0])
 
 
 def test_the_table_is_that_of_the_groups_code() -> None:
@@ -157,7 +158,7 @@ def test_in_the_air_the_velocity_term_is_void_and_the_penalty_is_two(
     # Lost: com_velocity_xy (weight 2) wholly, both foot forces but for exp(-2e-5 * 673.166^2) = 1.1598e-4 of each.
     terms = (14.0 - 2.0 - 2.0 + 2 * 1.1598e-4) / 14.0
     assert of_step(air) == pytest.approx(terms - 0.2, abs=1e-6)
-    _, means = reward.step_reward(air, HEIGHT, 0.0)
+    _, means = reward.step_reward(air, HEIGHT)
     assert means["com_velocity_xy"] == 0.0
     assert means["no_foot_contact"] == -2.0
 
@@ -167,7 +168,7 @@ def test_touching_the_ground_with_anything_else_costs_ten_times_a_tenth(
 ) -> None:
     touched = altered(perfect, ground_contact=9.0)  # 4 of each foot and 1 more
     assert of_step(touched) == pytest.approx(1.0 - 1.0, abs=1e-9)
-    _, means = reward.step_reward(touched, HEIGHT, 0.0)
+    _, means = reward.step_reward(touched, HEIGHT)
     assert means["non_foot_contact"] == -10.0
 
 
@@ -182,9 +183,9 @@ def test_power_costs_its_weight_times_the_watts(perfect: Ticks, altered: Callabl
     # |-50 * 2| + |100 * 3| = 400 W; 400 * 1e-3 = 0.4 on the scale of 10, 0.04 of a step
     assert of_step(working, power_weight=1e-3) == pytest.approx(1.0 - 0.04, abs=1e-9)
     assert of_step(working, power_weight=0.0) == pytest.approx(1.0, abs=1e-9)
-    assert reward.step_reward(working, HEIGHT, 1e-3)[1]["power"] == pytest.approx(-0.4)
+    assert reward.step_reward(working, HEIGHT, Prices(1e-3))[1]["power"] == pytest.approx(-0.4)
     # With a knee at 100 W: 100 * ln(1 + 400 / 100) = 160.94 W count.
-    assert reward.step_reward(working, HEIGHT, 1e-3, power_knee=100.0)[1]["power"] == pytest.approx(-0.16094, abs=1e-5)
+    assert reward.step_reward(working, HEIGHT, Prices(1e-3, 100.0))[1]["power"] == pytest.approx(-0.16094, abs=1e-5)
 
 
 def test_a_steps_reward_is_the_mean_over_its_ticks(robot: Robot, perfect: Ticks, altered: Callable[..., Ticks]) -> None:
@@ -204,18 +205,26 @@ def test_every_robot_has_its_own_reward_and_the_means_are_over_all(
     leaning = altered(perfect, torso_up=about_y(0.3))
     layout = Simulation(robot, 1, num_threads=1).layout
     both = Ticks(robot, layout, np.concatenate([leaning.record, perfect.record]))
-    rewards, means = reward.step_reward(both, HEIGHT, 0.0)
+    rewards, means = reward.step_reward(both, HEIGHT)
     np.testing.assert_allclose(rewards, [of_step(leaning), of_step(perfect)], rtol=1e-12)
     # exp(-4.68 * 0.09) = 0.65627; (0.65627 + 1) / 2
     assert means["torso_pitch"] == pytest.approx(0.5 * (0.65627 + 1.0), abs=1e-5)
     assert means["pelvis_pitch"] == pytest.approx(1.0)
-    assert tuple(means) == (*reward.TERMS, "no_foot_contact", "non_foot_contact", "power", "foot_travel", "sway")
+    assert tuple(means) == (
+        *reward.TERMS,
+        "no_foot_contact",
+        "non_foot_contact",
+        "power",
+        "foot_travel",
+        "sway",
+        "posture",
+    )
 
 
 def test_a_robot_that_really_stands_earns_nearly_1_per_step(standing: Ticks) -> None:
     """The straight pose, held for 2 s by the impedance alone."""
     nominal = 1.1048  # CoM over the soles, straight legs: -0.0666 + 1.1714
-    rewards, means = reward.step_reward(standing, nominal, 1e-4)
+    rewards, means = reward.step_reward(standing, nominal, Prices(1e-4))
     assert 0.95 < rewards[0] < 1.0
     # The reward is what the terms add up to.
     terms = sum(reward.TERMS[name].weight * means[name] for name in reward.TERMS) / SUM_OF_WEIGHTS
@@ -230,7 +239,7 @@ def test_a_robot_dropped_from_2_m_is_penalised_for_flying(robot: Robot) -> None:
     pose = robot.pose("straight")[None]
     start = simulation.reset(np.array([0]), pose, height=2.0)
     ticks = simulation.step(np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
-    rewards, means = reward.step_reward(ticks, float(start.com_height[0, 0]), 0.0)
+    rewards, means = reward.step_reward(ticks, float(start.com_height[0, 0]))
     assert means["no_foot_contact"] == -2.0
     # Upright in the air: (3 + 1 + 4) / 14 of the terms at best, the position term near 1, minus 0.2.
     assert rewards[0] == pytest.approx((2 * means["com_position_xy"] + 8.0) / 14.0 - 0.2, abs=0.02)
@@ -240,22 +249,34 @@ def test_a_foot_that_travels_costs_its_speed(perfect: Ticks, altered: Callable[.
     # 1 mm forward and 1 mm up per tick: 0.5 m/s over the floor; 0.1 * 4 per m/s * 0.5 m/s = 0.2.
     way = np.outer(np.arange(TICKS_PER_STEP), (0.001, 0.0, 0.001))[None]
     moving = altered(still(perfect), left_sole_position=LEFT_SOLE + way)
-    free, means = reward.step_reward(moving, HEIGHT, 0.0)
-    charged, charged_means = reward.step_reward(moving, HEIGHT, 0.0, travel_weight=4.0)
+    free, means = reward.step_reward(moving, HEIGHT)
+    charged, charged_means = reward.step_reward(moving, HEIGHT, Prices(travel=4.0))
     assert free[0] - charged[0] == pytest.approx(0.2)
     assert (means["foot_travel"], charged_means["foot_travel"]) == (0.0, pytest.approx(-2.0))
     # With a knee at 0.1 m/s, 0.5 m/s counts as 0.1 ln(6) = 0.17918 m/s; times 4.
-    bent = reward.step_reward(moving, HEIGHT, 0.0, travel_weight=4.0, travel_knee=0.1)[1]
+    bent = reward.step_reward(moving, HEIGHT, Prices(travel=4.0, travel_knee=0.1))[1]
     assert bent["foot_travel"] == pytest.approx(-0.71670, abs=1e-5)
 
 
 def test_a_com_that_sways_costs_its_horizontal_speed(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
     # 0.3 m/s forward and 0.4 m/s to the left are 0.5 m/s over the floor; 0.1 * 2 per m/s * 0.5 m/s = 0.1.
     swaying = altered(still(perfect), com_velocity=(0.3, 0.4, 0.2))
-    free = reward.step_reward(swaying, HEIGHT, 0.0)[0]
-    charged, means = reward.step_reward(swaying, HEIGHT, 0.0, sway_weight=2.0)
+    free = reward.step_reward(swaying, HEIGHT)[0]
+    charged, means = reward.step_reward(swaying, HEIGHT, Prices(sway=2.0))
     assert free[0] - charged[0] == pytest.approx(0.1)
     assert means["sway"] == pytest.approx(-1.0)
+
+
+def test_leaving_the_nominal_pose_costs_the_joints_mean_distance(
+    robot: Robot, perfect: Ticks, altered: Callable[..., Ticks]
+) -> None:
+    # Two of eleven joints, 0.3 and 0.25 rad away to either side: 0.05 rad in the mean; 0.1 * 4 per rad * 0.05 = 0.02.
+    pose = still(perfect).joint_position[0, 0].copy()
+    pose[[robot.joint_names.index("torso_pitch"), robot.joint_names.index("left_knee_pitch")]] += (0.3, -0.25)
+    free = reward.step_reward(still(perfect), HEIGHT, nominal_pose=pose)[0]
+    charged, means = reward.step_reward(still(perfect), HEIGHT, Prices(posture=4.0), pose)
+    assert free[0] - charged[0] == pytest.approx(0.02)
+    assert means["posture"] == pytest.approx(-0.2)
 
 
 def still(ticks: Ticks) -> Ticks:

@@ -43,6 +43,8 @@ class EnvConfig:
         travel_weight: penalty per m/s of the feet's horizontal speeds, over the share of the training done.
         travel_knee: from about this speed on, more costs ever less [m/s].
         sway_weight: penalty per m/s of the CoM's horizontal speed, over the share of the training done.
+        posture_weight: penalty per rad of the joints' mean distance from the nominal pose, over the share of the
+            training done; free from the first moment on in which foot travel is.
         travel_free: range of the last push's impulse over which foot travel and sway become free [Ns]: a small push
             is to be answered without a step, a large one may cost any number; without it, they always cost. They are
             free too
@@ -65,6 +67,7 @@ class EnvConfig:
     travel_weight: Schedule = ((0.0, 0.0),)
     travel_knee: float | None = None
     sway_weight: Schedule = ((0.0, 0.0),)
+    posture_weight: Schedule = ((0.0, 0.0),)
     travel_free: tuple[float, float] | None = None
     travel_free_s: float = 3.0
     noise_share: float = 0.0
@@ -104,6 +107,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.set_progress(0.0)
         self.reward_means: dict[str, float] = {}
         self._dropped = np.zeros(num_envs, bool)
+        self._in_place = np.ones(num_envs, bool)
         self._heading = np.ones(num_envs, complex)
         self._seed(None)
 
@@ -119,6 +123,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.power_weight = _at(progress, self.config.power_weight)
         self.travel_weight = _at(progress, self.config.travel_weight)
         self.sway_weight = _at(progress, self.config.sway_weight)
+        self.posture_weight = _at(progress, self.config.posture_weight)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -134,15 +139,16 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.random_pushes.advance(self.loop.tick)
         ticks = self.loop.step(actions)
         charged = self._charged()
-        rewards, self.reward_means = reward.step_reward(
-            ticks,
-            self.loop.nominal_com_height,
+        self._in_place &= charged == 1.0
+        prices = reward.Prices(
             self.power_weight,
             self.config.power_knee,
-            self.travel_weight * charged * ~self.loop.imperfect,
             self.config.travel_knee,
-            self.sway_weight * charged,
+            travel=self.travel_weight * charged * ~self.loop.imperfect,
+            sway=self.sway_weight * charged,
+            posture=self.posture_weight * self._in_place,
         )
+        rewards, self.reward_means = reward.step_reward(ticks, self.loop.nominal_com_height, prices, self.loop.nominal)
         self._heading = ticks.heading[:, -1].copy()
         observations = self.loop.observation.astype(np.float32)
         terminated = ticks.non_foot_contact.any(axis=1) | self.loop.simulation.diverged
@@ -176,7 +182,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
 
     def _charged(self) -> np.ndarray:
         """Share of the price of foot travel and sway that each robot pays after its last push: (N,)."""
-        if not (self.travel_weight or self.sway_weight) or self.config.travel_free is None:
+        if not (self.travel_weight or self.sway_weight or self.posture_weight) or self.config.travel_free is None:
             return np.ones(self.num_envs)
         impulse, since = self.random_pushes.latest(self.loop.tick)
         free = np.interp(impulse, self.config.travel_free, (0.0, 1.0))
@@ -193,6 +199,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         lean = dropped * rng.uniform(0.0, config.drop_lean, n) * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, n))
         self.loop.reset(ids, joints, height=height, roll=lean.real, pitch=lean.imag)
         self._dropped[ids] = dropped
+        self._in_place[ids] = True
         self._heading[ids] = 1.0
         if config.noise_share:
             self._spoil(ids[rng.random(n) < config.noise_share])

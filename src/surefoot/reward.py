@@ -98,30 +98,42 @@ TERMS: dict[str, Term] = {
 }
 _WEIGHT = np.array([term.weight for term in TERMS.values()])
 _ALPHA = np.array([term.alpha for term in TERMS.values()])
-NAMES = (*TERMS, "no_foot_contact", "non_foot_contact", "power", "foot_travel", "sway")
+NAMES = (*TERMS, "no_foot_contact", "non_foot_contact", "power", "foot_travel", "sway", "posture")
+
+
+class Prices(NamedTuple):
+    """What motion costs, on the scale on which perfect standing is 10; those of the last three that are arrays
+    (num_robots,) are of each robot.
+
+    Attributes:
+        power: per watt of sum |torque * velocity|.
+        power_knee: if given, a power P counts as knee * ln(1 + P / knee) [W], so that shuffling costs much and a
+            recovery of several kW not much more.
+        travel_knee: the same for the feet's speed [m/s].
+        travel: per m/s of both feet's horizontal speeds together, so that the robot steps only where it must.
+        sway: per m/s of the CoM's horizontal speed, so that the robot stays where it stands.
+        posture: per rad of the joints' mean distance from the nominal pose, so that it stands as it began.
+    """
+
+    power: float = 0.0
+    power_knee: float | None = None
+    travel_knee: float | None = None
+    travel: np.ndarray | float = 0.0
+    sway: np.ndarray | float = 0.0
+    posture: np.ndarray | float = 0.0
+
+
+FREE = Prices()
 
 
 def step_reward(
-    ticks: Ticks,
-    nominal_com_height: float,
-    power_weight: float,
-    power_knee: float | None = None,
-    travel_weight: np.ndarray | float = 0.0,
-    travel_knee: float | None = None,
-    sway_weight: np.ndarray | float = 0.0,
+    ticks: Ticks, nominal_com_height: float, prices: Prices = FREE, nominal_pose: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, dict[str, float]]:
     """Reward of one policy step.
 
     Args:
         nominal_com_height: height of the CoM above the soles in the nominal pose [m].
-        power_weight: penalty per watt of sum |torque * velocity|, on the scale on which perfect standing is 10.
-        power_knee: if given, a power P counts as knee * ln(1 + P / knee) [W], so that shuffling costs much and a
-            recovery of several kW not much more.
-        travel_weight: penalty per m/s of both feet's horizontal speeds together, on the same scale, so that the robot
-            steps only where it must; of all robots or of each, (num_robots,).
-        travel_knee: the same for that speed [m/s].
-        sway_weight: penalty per m/s of the CoM's horizontal speed, so that the robot stays where it stands; of all
-            robots or of each.
+        nominal_pose: (num_joints,) [rad].
 
     Returns:
         reward: (num_robots,).
@@ -131,14 +143,17 @@ def step_reward(
     np.square(errors, out=errors)
     errors *= -_ALPHA[:, None, None]
     terms = np.exp(errors, out=errors) @ np.full(len(ticks), 1.0 / len(ticks))
-    speed = _foot_speed(ticks) if np.any(travel_weight) else np.zeros(terms.shape[1])
+    nothing = np.zeros(terms.shape[1])
+    speed = _foot_speed(ticks) if np.any(prices.travel) else nothing
+    bend = _distance(ticks, nominal_pose) if np.any(prices.posture) else nothing
     penalties = np.stack(
         [
             NO_FOOT_CONTACT * ticks.in_the_air.mean(axis=-1),
             NON_FOOT_CONTACT * ticks.non_foot_contact.mean(axis=-1),
-            -power_weight * _bent(ticks.power, power_knee).mean(axis=-1),
-            -travel_weight * _bent(speed, travel_knee),
-            -sway_weight * np.abs(horizontal(ticks.com_velocity)).mean(axis=-1),
+            -prices.power * _bent(ticks.power, prices.power_knee).mean(axis=-1),
+            -prices.travel * _bent(speed, prices.travel_knee),
+            -prices.sway * np.abs(horizontal(ticks.com_velocity)).mean(axis=-1),
+            -prices.posture * bend,
         ]
     )
     reward = STEP_SCALE * (SCALE / _WEIGHT.sum() * (_WEIGHT @ terms) + penalties.sum(axis=0))
@@ -154,3 +169,8 @@ def _foot_speed(ticks: Ticks) -> np.ndarray:
     """Mean horizontal speed of both feet together over the ticks [m/s]: (num_robots,)."""
     way = np.abs(np.diff(horizontal(ticks.sole_position), axis=1)).sum(axis=(1, 2))
     return way * CONTROL_HZ / max(len(ticks) - 1, 1)
+
+
+def _distance(ticks: Ticks, pose: np.ndarray | float) -> np.ndarray:
+    """Mean distance of the joints from a pose over joints and ticks [rad]: (num_robots,)."""
+    return np.abs(ticks.joint_position - pose).mean(axis=(1, 2))
