@@ -152,32 +152,73 @@ def test_pushes_with_a_push_upwards_count_as_larger_than_any(robot: Robot) -> No
     np.testing.assert_array_equal(random.latest(np.full(8, 700))[0], np.where(lifted, np.inf, 60.0))
 
 
+# Focus.
+
+SIDE, BACK = 4, 8
+"""Sectors of 22.5 degrees, counter-clockwise from forward."""
+
+
+def focused(robot: Robot, n: int, **config: object) -> tuple[RandomPushes, Pushes]:
+    """Pushes of 30 to 300 Ns of which none have fallen yet."""
+    random, pushes = random_pushes(robot, n, impulse=(30.0, 300.0), **config)
+    random.falls.share[:] = 0.0
+    return random, pushes
+
+
+def drawn(pushes: Pushes) -> tuple[np.ndarray, np.ndarray]:
+    """Directions [degrees] and impulses [Ns]."""
+    x, y, _ = pushes.force.T * PUSH_DURATION
+    return np.degrees(np.arctan2(y, x)), np.hypot(x, y)
+
+
 def test_pushes_with_a_focus_go_where_robots_sometimes_fall(robot: Robot) -> None:
     n = 2000
-    random, pushes = random_pushes(robot, n, bodies=("torso",), impulse=(30.0, 300.0), focus=0.5)
-    random.fallen_share[:] = 0.0
-    # All fall where the weight f (1 - f) is 0 too; sometimes at 120 to 150 Ns about 45 degrees to either side.
-    random.fallen_share[6], random.fallen_share[2, 4] = 1.0, 0.3
+    random, pushes = focused(robot, n, bodies=("torso", "pelvis", "pelvis"), focus=0.5)
+    # All fall where the weight f (1 - f) is 0 too; the pelvis sometimes at 120 to 150 Ns about 45 degrees to a side.
+    random.falls.share[0, 6], random.falls.share[1, 2, 4] = 1.0, 0.3
     random.reset(np.arange(n))
-    aimed = pushes.body == robot.body_id("pelvis")
-    assert aimed.mean() == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n))
-    x, y, _ = pushes.force[aimed].T * PUSH_DURATION
-    assert 120.0 <= np.hypot(x, y).min() < np.hypot(x, y).max() <= 150.0
-    degrees = np.degrees(np.arctan2(y, x))
-    assert np.abs(np.abs(degrees) - 45.0).max() <= 11.25 + 1e-9
-    assert np.mean(degrees > 0.0) == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n / 2))
+    degrees, impulse = drawn(pushes)
+    there = (np.abs(np.abs(degrees) - 45.0) <= 11.25 + 1e-9) & (impulse >= 120.0) & (impulse <= 150.0)
+    there &= pushes.body == robot.body_id("pelvis")
+    # And of the others, uniform over two bodies in three, 16 directions and 270 Ns: 2/3 * 2/16 * 30/270 = 0.0093.
+    assert there.mean() == pytest.approx(0.5 * (1.0 + 0.0093), abs=4 * 0.5 / np.sqrt(n))
+    assert np.mean(degrees[there] > 0.0) == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n / 2))
+
+
+def test_one_thigh_pushed_outwards_is_the_other_in_the_mirror(robot: Robot) -> None:
+    n = 400
+    random, pushes = focused(robot, n, bodies=("left_thigh", "right_thigh"), focus=1.0)
+    assert random.falls.share.shape == (1, 16, 10)
+    random.falls.share[0, SIDE, 5] = 0.5
+    random.reset(np.arange(n))
+    degrees, _ = drawn(pushes)
+    left = pushes.body == robot.body_id("left_thigh")
+    np.testing.assert_array_equal(pushes.body[~left], robot.body_id("right_thigh"))
+    assert left.mean() == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n))
+    np.testing.assert_allclose(np.where(left, degrees, -degrees), 90.0, atol=11.25 + 1e-9)
+    # Of all that fall the left thigh's share rises: 1 - 0.5 * 0.95^400 is 1.
+    random.fell(np.arange(n), pushes.start + 100)
+    assert random.falls.share[0, SIDE, 5] == pytest.approx(1.0)
+    assert np.count_nonzero(random.falls.share) == 1
 
 
 def test_falls_are_counted_with_the_mirror_image_and_forgotten_slowly(robot: Robot) -> None:
-    random, pushes = random_pushes(robot, 1, impulse=(30.0, 300.0), focus=1.0)
-    random.fallen_share[:] = 0.0
-    random.fallen_share[4, 2] = 0.5
-    random.reset(np.array([0]))  # 60 to 90 Ns to one side, sector 4 or 12
+    random, pushes = focused(robot, 1, focus=1.0)
+    random.falls.share[0, SIDE, 2] = 0.5
+    random.reset(np.array([0]))  # 60 to 90 Ns to one side
     random.fell(np.array([0]), pushes.start + 100)
-    assert random.fallen_share[4, 2] == pytest.approx(0.95 * 0.5 + 0.05)
+    assert random.falls.share[0, SIDE, 2] == pytest.approx(0.95 * 0.5 + 0.05)
     random.advance(pushes.start + 1000)  # and survived
-    assert random.fallen_share[4, 2] == pytest.approx(0.95 * (0.95 * 0.5 + 0.05))
-    assert np.count_nonzero(random.fallen_share) == 1
+    assert random.falls.share[0, SIDE, 2] == pytest.approx(0.95 * (0.95 * 0.5 + 0.05))
+    assert np.count_nonzero(random.falls.share) == 1
+
+
+def test_pushes_in_the_middle_are_thought_to_fall_half_the_time_at_first_on_one_side_only(robot: Robot) -> None:
+    random, _ = random_pushes(robot, 1, bodies=("pelvis", "left_shank", "right_shank"), focus=0.5)
+    pelvis, shank = random.falls.share
+    assert (pelvis[: BACK + 1] == 0.5).all()
+    assert (pelvis[BACK + 1 :] == 0.0).all()
+    assert (shank == 0.5).all()
 
 
 # Curriculum.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from surefoot.falls import NUM_SECTORS, FallShares, to_sector
 from surefoot.robot import Robot
 from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP
 from surefoot.ticks import horizontal
@@ -135,8 +136,8 @@ class DisturbanceConfig:
         lift_gap: time from the push upwards to the other [s].
         small: range of the pushes that are to be answered without a step [Ns], uniform.
         small_share: in this share of the pushes.
-        focus: share of the pushes that go to the pelvis with directions and impulses of which robots sometimes fall:
-            drawn in proportion to f (1 - f), where f is the share of late that fell.
+        focus: share of the pushes that go to bodies, in directions and with impulses of which robots sometimes fall;
+            see `FallShares`.
     """
 
     bodies: tuple[str, ...] = ("pelvis",)
@@ -165,18 +166,13 @@ class RandomPushes:
 
     Attributes:
         ceiling: largest impulse drawn per sector of directions, (NUM_SECTORS,) [Ns], counter-clockwise from +x.
-        fallen_share: of late, of pushes to the pelvis by sector from forward to backward and step of impulse.
+        falls: of late, by body, direction and impulse.
     """
 
-    NUM_SECTORS = 16
     STEP = 4.0
     """How fast a curriculum moves [Ns per push]."""
     HARD = 0.7
     """Pushes above this share of the ceiling move it."""
-    IMPULSE_STEP = 30.0
-    """Falls are counted by sector, a side and its mirror image together, and by steps of impulse [Ns]."""
-    FORGET = 0.05
-    """What one more push changes in the share of falls."""
     SURVIVED_S = 2.0
     """A push is survived when the robot has not fallen for so long after its start."""
 
@@ -191,14 +187,13 @@ class RandomPushes:
         self.first_pushes = first_pushes
         self.pushes = pushes
         self.rng = rng
-        self.ceiling = np.full(self.NUM_SECTORS, config.impulse[1])
+        self.ceiling = np.full(NUM_SECTORS, config.impulse[1])
         self._body_ids = np.array([pushes.robot.body_id(body) for body in config.bodies])
         self._sector = np.zeros(len(pushes.start), np.int64)
         self._impulse = np.zeros(len(pushes.start))
         self._lifted = np.zeros(len(pushes.start), bool)
-        self._pelvis = pushes.robot.body_id("pelvis")
-        num_steps = int(np.ceil(config.impulse[1] / self.IMPULSE_STEP))
-        self.fallen_share = np.full((self.NUM_SECTORS // 2 + 1, num_steps), 0.5)
+        self._angle = np.zeros(len(pushes.start))
+        self.falls = FallShares(pushes.robot, config.bodies, config.impulse[1])
         self._latest_impulse = np.zeros(len(pushes.start))
         self._latest_start = np.zeros(len(pushes.start), np.int64)
         # The next push is drawn in good time before it may begin.
@@ -245,26 +240,15 @@ class RandomPushes:
         np.clip(self.ceiling, self.config.impulse[1], self.config.max_impulse, out=self.ceiling)
 
     def _count_falls(self, ids: np.ndarray, fell: bool) -> None:
-        if not self.config.focus:
-            return
-        for i in ids[(self.pushes.body[ids] == self._pelvis) & ~self._lifted[ids]]:
-            sector = min(self._sector[i], self.NUM_SECTORS - self._sector[i])
-            step = min(int(self._impulse[i] / self.IMPULSE_STEP), self.fallen_share.shape[1] - 1)
-            self.fallen_share[sector, step] += self.FORGET * (fell - self.fallen_share[sector, step])
-
-    def _where_some_fall(self, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (n,) [rad] and impulses (n,) [Ns] of which robots sometimes fall."""
-        weight = (self.fallen_share * (1.0 - self.fallen_share)).ravel()
-        sector, step = np.divmod(self.rng.choice(weight.size, n, p=weight / weight.sum()), self.fallen_share.shape[1])
-        angle = (sector + self.rng.uniform(-0.5, 0.5, n)) * (2.0 * np.pi / self.NUM_SECTORS)
-        impulse = np.clip((step + self.rng.random(n)) * self.IMPULSE_STEP, *self.config.impulse)
-        return angle * self.rng.choice([-1.0, 1.0], n) % (2.0 * np.pi), impulse
+        if self.config.focus:
+            ids = ids[~self._lifted[ids]]
+            self.falls.count(self.pushes.body[ids], self._angle[ids], self._impulse[ids], fell)
 
     def _draw(self, ids: np.ndarray, since: np.ndarray, wait: tuple[float, float]) -> None:
         n = len(ids)
         start = since + np.rint(self.rng.uniform(*wait, n) / CONTROL_DT).astype(np.int64)
         angle = self.rng.uniform(0.0, 2.0 * np.pi, n)
-        self._sector[ids] = self._to_sector(angle)
+        self._sector[ids] = to_sector(angle)
         size = self.rng.uniform(self.config.impulse[0], self.ceiling[self._sector[ids]])
         body = self._body_ids[self.rng.integers(len(self._body_ids), size=n)]
         if self.config.small_share:
@@ -272,10 +256,10 @@ class RandomPushes:
             size[small] = self.rng.uniform(*self.config.small, small.sum())
         if self.config.focus:
             aimed = self.rng.random(n) < self.config.focus
-            angle[aimed], size[aimed] = self._where_some_fall(aimed.sum())
-            self._sector[ids] = self._to_sector(angle)
-            body[aimed] = self._pelvis
-        self._impulse[ids] = size
+            body[aimed], angle[aimed], drawn = self.falls.draw(aimed.sum(), self.rng)
+            size[aimed] = np.clip(drawn, *self.config.impulse)
+            self._sector[ids] = to_sector(angle)
+        self._impulse[ids], self._angle[ids] = size, angle
         impulse = np.zeros((n, 3))
         horizontal(impulse)[:] = size * np.exp(1j * angle)
         if self.config.lift_share and self.first_pushes:
@@ -284,10 +268,6 @@ class RandomPushes:
             impulse[lifted] *= 0.5
             self._lifted[ids] = lifted
         self.pushes.schedule(ids, body, impulse, start, self.config.duration)
-
-    def _to_sector(self, angle: np.ndarray) -> np.ndarray:
-        """Sectors are centred on the main directions."""
-        return np.rint(angle / (2.0 * np.pi) * self.NUM_SECTORS).astype(np.int64) % self.NUM_SECTORS
 
     def _lift(self, ids: np.ndarray, start: np.ndarray, pushes: Pushes) -> np.ndarray:
         """Push some of the robots upwards at `start`; which ones (n,)."""
