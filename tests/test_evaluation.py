@@ -10,20 +10,10 @@ import numpy as np
 import pytest
 from conftest import an_outcome
 
-from surefoot import evaluation
+from surefoot import climb
+from surefoot.climb import NUM_SAMPLED, NUM_WHOLE, Threshold, wilson_interval
 from surefoot.errors import UserError
-from surefoot.evaluation import (
-    NUM_SAMPLED,
-    NUM_WHOLE,
-    Threshold,
-    _Search,
-    find_thresholds,
-    push_lines,
-    recall,
-    run_scenarios,
-    whole_outcomes,
-    wilson_interval,
-)
+from surefoot.evaluation import _Search, find_thresholds, push_lines, recall, run_scenarios, whole_outcomes
 from surefoot.judge import Outcome
 from surefoot.policy import NominalPolicy
 from surefoot.scenarios import Line, Scenario
@@ -285,7 +275,7 @@ def test_looking_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch, num_sl
     (expected,) = find_thresholds(NominalPolicy(), [FORWARD], KnownOutcomes(rough), num_slots=1)
     assert 0.0 < expected.size < 240.0
     for look_ahead in (1, 3):
-        monkeypatch.setattr(evaluation, "LOOK_AHEAD", look_ahead)
+        monkeypatch.setattr(climb, "LOOK_AHEAD", look_ahead)
         for seed in range(3):  # of the order in which trials end
             arena = Arena([FORWARD], by_rule(rough), num_slots, seed)
             assert arena.thresholds == [expected]

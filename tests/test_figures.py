@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import an_outcome
 
-from surefoot.evaluation import Threshold
+from surefoot.climb import Threshold
 from surefoot.figures import flat_figures, share_kept
 from surefoot.judge import Outcome
 from surefoot.robot import Robot

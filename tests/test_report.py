@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from surefoot import tables
+from surefoot.climb import Threshold, wilson_interval
 from surefoot.errors import UserError
-from surefoot.evaluation import Threshold, wilson_interval
 from surefoot.judge import Outcome
 from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, Policy, network_bytes
 from surefoot.replay import differences

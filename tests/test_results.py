@@ -16,10 +16,11 @@ import pyarrow.parquet
 import pytest
 from conftest import an_outcome
 
+from surefoot.climb import Threshold
 from surefoot.control import Imperfections
 from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
-from surefoot.evaluation import Threshold, find_thresholds
+from surefoot.evaluation import find_thresholds
 from surefoot.policy import NominalPolicy
 from surefoot.results import Results, read_thresholds, trial_from_json, trial_to_json
 from surefoot.robot import World

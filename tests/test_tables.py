@@ -11,7 +11,8 @@ from conftest import an_outcome
 from rich.console import Console
 
 from surefoot import paper, tables
-from surefoot.evaluation import Threshold, run_scenarios
+from surefoot.climb import Threshold
+from surefoot.evaluation import run_scenarios
 from surefoot.judge import Outcome
 from surefoot.policy import NominalPolicy
 from surefoot.results import Results

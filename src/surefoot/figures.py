@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from surefoot.evaluation import Threshold
+from surefoot.climb import Threshold
 from surefoot.judge import Outcome
 from surefoot.robot import Robot
 from surefoot.scenarios import DIRECTIONS

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from surefoot import paper, plots, tables, video
-from surefoot.evaluation import Threshold
+from surefoot.climb import Threshold
 from surefoot.policy import Policy
 from surefoot.robot import Robot
 

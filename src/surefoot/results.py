@@ -24,15 +24,15 @@ import mujoco
 
 import surefoot
 from surefoot import judge, strategies, trials
+from surefoot.climb import Threshold
 from surefoot.control import Imperfections
 from surefoot.controllers.step_times import Timing
 from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
-from surefoot.evaluation import Line, Threshold
 from surefoot.judge import Outcome
 from surefoot.policy import Entrant
 from surefoot.robot import World, load_robot
-from surefoot.scenarios import Scenario, from_json
+from surefoot.scenarios import Line, Scenario, from_json
 from surefoot.trials import Trial
 
 SCHEMA = 2

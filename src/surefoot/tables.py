@@ -11,7 +11,8 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from surefoot import balance, paper
-from surefoot.evaluation import Store, Threshold, whole_outcomes
+from surefoot.climb import Threshold
+from surefoot.evaluation import Store, whole_outcomes
 from surefoot.judge import Outcome, joint_groups
 from surefoot.policy import Entrant
 from surefoot.robot import Robot

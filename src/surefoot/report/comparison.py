@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from surefoot import paper, tables
+from surefoot.climb import Threshold
 from surefoot.controllers.timing import timing_table
-from surefoot.evaluation import Threshold
 from surefoot.figures import share_kept
 from surefoot.report.read import Evaluation
 from surefoot.scenarios import DIRECTIONS, NOISE, ROBUSTNESS

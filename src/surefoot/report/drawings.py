@@ -16,7 +16,7 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import PercentFormatter
 
-from surefoot.evaluation import Threshold
+from surefoot.climb import Threshold
 from surefoot.plots import GREY, INK, Point, closed, draw_bound, drawing, style_polar
 from surefoot.report.read import Cell
 from surefoot.report.traces import STRIDE, Trace

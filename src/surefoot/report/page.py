@@ -10,7 +10,7 @@ from pathlib import Path
 import jinja2
 
 import surefoot
-from surefoot import evaluation, judge, paper, tables, trials
+from surefoot import climb, judge, paper, tables, trials
 from surefoot.errors import UserError
 from surefoot.replay import check_setup, find_policy
 from surefoot.report.comparison import of_policy, side_by_side, versions_table
@@ -89,7 +89,7 @@ class Report:
             report=self,
             best=best,
             cards=headline(best),
-            evaluation=evaluation,
+            climb=climb,
             judge=judge,
             trials=trials,
             version=surefoot.__version__,

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from surefoot import tables
+from surefoot.climb import NUM_SAMPLED, NUM_WHOLE, Threshold
 from surefoot.controllers.step_times import Timing
 from surefoot.errors import UserError
-from surefoot.evaluation import NUM_SAMPLED, NUM_WHOLE, Threshold, recall, whole_outcomes
+from surefoot.evaluation import recall, whole_outcomes
 from surefoot.judge import Outcome
 from surefoot.policy import Contract
 from surefoot.results import Key, Results, TrialStore, open_results
