@@ -15,32 +15,44 @@ from torch import nn
 
 from surefoot.env import FORESEEN_SIGNS
 
+SIDE = 0.02
+"""Deviation of what a new symmetric network prefers one side by: enough to begin with."""
 Mirror = tuple[np.ndarray, np.ndarray]
 """(source, sign) of a mirrored vector, see `observation.mirror`."""
 
 
 class _Symmetric(nn.Module):
-    """A network made equal on both sides: (f(s) + mirror(f(mirror(s)))) / 2, or of a scalar without the outer mirror.
+    """A network made equal on both sides, but for a side that it prefers.
+
+    (f(s, 1) + mirror(f(mirror(s), -1))) / 2, or of a scalar without the outer mirror. Without a preferred side a robot
+    that stands evenly on both feet and is pushed straight ahead could not choose the foot to step with.
 
     Args:
-        network: f.
+        network: f of s alone.
         inward: mirror of the input.
         outward: mirror of the output; None for a scalar.
+
+    Attributes:
+        side: how f depends on its second argument: added to the first layer's output, or taken from it.
     """
 
     def __init__(self, network: nn.Module, inward: Mirror, outward: Mirror | None):
         super().__init__()
         self.network = network
+        self.side = nn.Parameter(SIDE * torch.randn(_linear(network)[0].out_features))
         self.inward = tensors(inward)
         self.outward = tensors(outward) if outward else None
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        first, *others = self.network.children()
         source, sign = self.inward
-        mirrored = self.network(inputs[:, source] * sign)
+        there, mirrored = first(inputs) + self.side, first(inputs[:, source] * sign) - self.side
+        for module in others:
+            there, mirrored = module(there), module(mirrored)
         if self.outward:
             source, sign = self.outward
             mirrored = mirrored[:, source] * sign
-        return 0.5 * (self.network(inputs) + mirrored)
+        return 0.5 * (there + mirrored)
 
 
 class _TanhActorReluCritic(nn.Module):
@@ -199,21 +211,22 @@ def actor_layers(model: BaseAlgorithm) -> Layers:
     network = policy.mlp_extractor.policy_net
     if not isinstance(network, _Symmetric):
         return _linear_layers(network)
-    return _unfold(_linear_layers(network.network), *policy._mirrors)
+    return _unfold(_linear_layers(network.network), network.side.detach().numpy(), *policy._mirrors)
 
 
 def _linear_layers(network: nn.Module) -> Layers:
     return [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in _linear(network)]
 
 
-def _unfold(layers: Layers, for_observation: Mirror, for_action: Mirror) -> Layers:
-    """The symmetric network as a plain one of twice the width: f(s) and f(mirror(s)) side by side, then their mean."""
+def _unfold(layers: Layers, preferred: np.ndarray, for_observation: Mirror, for_action: Mirror) -> Layers:
+    """The symmetric network as a plain one of twice the width: f of s and of its mirror image next to each other, then
+    their mean."""
     (first, first_bias), *inner, (last, last_bias) = layers
     source, sign = for_observation
     mirrored_first = np.empty_like(first)
     mirrored_first[:, source] = first * sign
     source, sign = for_action
-    wide = [(np.concatenate([first, mirrored_first]), np.tile(first_bias, 2))]
+    wide = [(np.concatenate([first, mirrored_first]), np.concatenate([first_bias + preferred, first_bias - preferred]))]
     for weight, bias in inner:
         nothing = np.zeros_like(weight)
         wide.append((np.block([[weight, nothing], [nothing, weight]]), np.tile(bias, 2)))
