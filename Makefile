@@ -37,13 +37,13 @@ quick-demo: $(READY)
 bench: $(READY)
 	$(BIN)/surefoot bench
 
-# What results/ holds and the README quotes: learning, three and a half hours on two cores, then the tables.
+# What results/ holds and the README quotes: learning, four and a half hours on two cores, then the tables.
 ALGORITHMS := trpo ppo ddpg
 SEEDS := 0 1 2
 POLICIES := src/surefoot/policies
 results: $(READY)
 	for s in $(SEEDS); do \
-	    $(BIN)/surefoot train --algorithm trpo --minutes 15 --seed $$s --run runs/results/trpo-$$s && \
+	    $(BIN)/surefoot train --algorithm trpo --minutes 27 --seed $$s --run runs/results/trpo-$$s && \
 	    $(BIN)/surefoot train --algorithm ppo --minutes 15 --seed $$s --run runs/results/ppo-$$s && \
 	    $(BIN)/surefoot train --algorithm ddpg --minutes 5 --seed $$s --run runs/results/ddpg-$$s || exit 1; \
 	    for a in $(ALGORITHMS); do \
@@ -54,6 +54,7 @@ results: $(READY)
 	$(BIN)/surefoot train --preset wide --run runs/results/wide
 	$(BIN)/surefoot train --preset steady --after runs/results/wide --run runs/results/steady
 	$(BIN)/surefoot train --preset complete --after runs/results/steady --run runs/results/complete
+	$(BIN)/surefoot train --algorithm trpo --preset steady --after runs/results/trpo-0 --run runs/results/trpo-steady
 	$(BIN)/surefoot select runs/results/trpo-* --out $(POLICIES)/trpo.onnx
 	$(BIN)/surefoot select runs/results/ppo-* --out $(POLICIES)/ppo.onnx
 	$(BIN)/surefoot select runs/results/wide runs/results/steady runs/results/complete --out $(POLICIES)/ddpg.onnx

@@ -199,7 +199,8 @@ def evaluate_policy(
     steps = tables.median_steps(thresholds, store)
     lines = goals.goals_table(policy.name, policy.contract.training.get("algorithm", ""), found)
     for table in (*tables.all_tables(policy, thresholds, fixed, steps, robot), lines):
-        output.print(table.rich())
+        if table.rows:  # a scenario file may have none of the lines to beat
+            output.print(table.rich())
     if timing:
         output.print(timing_table({policy.name: timing}).rich())
         found |= timing_figures(timing)

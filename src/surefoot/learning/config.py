@@ -213,6 +213,27 @@ _STEADY_ENV = dataclasses.replace(
     disturbance=dataclasses.replace(_WIDE_ENV.disturbance, interval=(2.4, 9.0)),
 )
 _STEADY = {
+    # After `fast`: also larger pushes, and more where it falls.
+    "trpo": dataclasses.replace(
+        _FAST["trpo"],
+        preset="steady",
+        minutes=60.0,
+        schedule_minutes=60.0,
+        hyper={**_FAST["trpo"].hyper, "learning_rate": 5e-4},
+        log_std=-1.5,
+        final_noise=0.4,
+        average_steps=700_000.0,
+        env=dataclasses.replace(
+            _FAST_ON_POLICY_ENV,
+            power_weight=((0.0, 8e-3), (0.3, 1.2e-2)),
+            posture_weight=((0.0, 0.0), (0.2, 2.0)),
+            travel_free=(60.0, 120.0),
+            travel_free_s=6.0,
+            disturbance=dataclasses.replace(
+                _FAST_ON_POLICY_ENV.disturbance, impulse=(40.0, 400.0), interval=(2.4, 6.0), focus=0.4
+            ),
+        ),
+    ),
     "ddpg": dataclasses.replace(
         _WIDE["ddpg"],
         preset="steady",
@@ -224,7 +245,7 @@ _STEADY = {
         noise=(0.009, 0.11),
         final_noise=0.7,
         average_steps=200_000.0,
-    )
+    ),
 }
 # After `steady`: everything else that a robot may meet, and no motion where none is needed.
 _COMPLETE_ENV = dataclasses.replace(
@@ -233,9 +254,10 @@ _COMPLETE_ENV = dataclasses.replace(
     drop_lean=0.45,
     travel_weight=((0.0, 3.0),),
     sway_weight=((0.0, 2.0),),
+    posture_weight=((0.0, 2.0), (0.25, 5.0)),
     travel_free=(60.0, 120.0),
     travel_free_s=6.0,
-    noise_share=0.2,
+    noise_share=0.15,
     action_noise=0.1,
     disturbance=dataclasses.replace(
         _STEADY_ENV.disturbance,
@@ -243,7 +265,7 @@ _COMPLETE_ENV = dataclasses.replace(
         impulse=(30.0, 450.0),
         small=(6.0, 100.0),
         small_share=0.25,
-        focus=0.2,
+        focus=0.3,
         lift=(200.0, 600.0),
         lift_share=0.15,
     ),
@@ -265,7 +287,7 @@ _COMPLETE = {
         final_learning_rate=0.2,
         noise=(0.01, 0.15),
         final_noise=0.6,
-        average_steps=300_000.0,
+        average_steps=800_000.0,
     )
 }
 PRESETS = {"paper": _PAPER, "fast": _FAST, "wide": _WIDE, "steady": _STEADY, "complete": _COMPLETE}

@@ -15,7 +15,7 @@ from torch import nn
 
 from surefoot.env import FORESEEN_SIGNS
 
-SIDE = 0.02
+SIDE = 0.2
 """Deviation of what a new symmetric network prefers one side by: enough to begin with."""
 Mirror = tuple[np.ndarray, np.ndarray]
 """(source, sign) of a mirrored vector, see `observation.mirror`."""
