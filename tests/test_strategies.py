@@ -258,15 +258,15 @@ def test_the_stiff_nominal_pose_uses_ankles_and_then_its_soles_edges(robot: Robo
 
 
 def test_trpo_steps_ahead_of_a_hard_push(robot: Robot) -> None:
-    watch = watch_pushes(load_policy("trpo"), robot, [(FORWARD, 180.0), (BACKWARD, 180.0), (FORWARD, 0.0)])
+    watch = watch_pushes(load_policy("trpo"), robot, [(FORWARD, 240.0), (BACKWARD, 240.0), (FORWARD, 0.0)])
     for slot, way in ((0, 1.0), (1, -1.0)):
         strategies = watch.strategies(slot)
-        assert strategies.ankle
+        assert strategies.hip
         first = [step for step in strategies.steps if step.time < 1.0]
         assert {step.foot for step in first} == {"left", "right"}
         assert max(step.length for step in first) > 0.2
         # Steps go where the push went, one after the other.
         places = [way * step.place[0] for step in first if step.length > 0.1]
-        assert places[-1] > places[0] + 0.1
+        assert places[-1] > places[0] + 0.2
         assert [step.time for step in first] == sorted(step.time for step in first)
     assert watch.strategies(2).num_steps < watch.strategies(0).num_steps
