@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
@@ -73,55 +72,26 @@ def find_thresholds(
     return search.thresholds()
 
 
-def recall(store: Store, trial: Trial) -> Outcome | None:
-    """The outcome of a trial, if it was run before; a whole trial's also if it was sampled and did not end early.
-
-    A sampled trial differs from the whole one of its seed only in that it may end as recovered once it is quiet. One
-    that failed, or was never quiet before its horizon, is the whole trial.
-    """
-    known = store.get(trial)
-    if known is None and trial.whole:
-        sampled = store.get(dataclasses.replace(trial, whole=False))
-        if sampled and (not sampled.recovered or sampled.seconds >= trial.horizon):
-            return sampled
-    return known
-
-
-class _Memory:
-    """The store of an evaluation that keeps nothing beyond its end."""
-
-    def __init__(self) -> None:
-        self._known: dict[Trial, Outcome] = {}
-
-    def get(self, trial: Trial) -> Outcome | None:
-        return self._known.get(trial)
-
-    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None:
-        self._known[trial] = outcome
-
-
 def whole_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:
     """Outcomes of the whole trials at a threshold."""
     cell = round(threshold.size / threshold.line.grid)
     trials = (threshold.line.trial(cell, seed, whole=True) for seed in range(threshold.trials))
-    return [outcome for trial in trials if (outcome := recall(store, trial))]
+    return [outcome for trial in trials if (outcome := store.get(trial))]
 
 
 class _Search(TrialSource):
     """Hands out the trials of all lines in turn, and known outcomes without running them."""
 
     def __init__(self, lines: Sequence[Line], store: Store | None, on_progress: OnProgress | None):
-        self._store = store if store is not None else _Memory()
+        self._recall = store.get if store is not None else lambda trial: None
         self.climbs: list[Climb | Fixed] = [
             Climb(line, self._recall) if line.scenario.search else Fixed(line) for line in lines
         ]
+        self._store = store
         self._on_progress = on_progress
         self._num_done = 0
         self._turn = deque(self.climbs)
         self._running: dict[Trial, list[tuple[Climb | Fixed, Ask]]] = {}
-
-    def _recall(self, trial: Trial) -> Outcome | None:
-        return recall(self._store, trial)
 
     def thresholds(self) -> list[Threshold]:
         return [climb.result() for climb in self.climbs if isinstance(climb, Climb)]
@@ -152,7 +122,8 @@ class _Search(TrialSource):
 
     def report(self, trial: Trial, outcome: Outcome) -> None:
         asked = self._running.pop(trial)
-        self._store.put(trial, outcome, asked[0][0].line.scenario.name)
+        if self._store is not None:
+            self._store.put(trial, outcome, asked[0][0].line.scenario.name)
         for climb, ask in asked:
             climb.report(ask, outcome)
         self._num_done += 1

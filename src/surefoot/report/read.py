@@ -11,7 +11,7 @@ from surefoot import tables
 from surefoot.climb import NUM_SAMPLED, NUM_WHOLE, Threshold
 from surefoot.controllers.step_times import Timing
 from surefoot.errors import UserError
-from surefoot.evaluation import recall, whole_outcomes
+from surefoot.evaluation import whole_outcomes
 from surefoot.judge import Outcome
 from surefoot.policy import Contract
 from surefoot.results import Key, Results, TrialStore, open_results
@@ -192,7 +192,7 @@ def _largest_recovered(thresholds: Iterable[Threshold], store: TrialStore) -> Ca
     cell = round(largest.size / largest.line.grid)
     for seed in range(largest.trials):
         trial = largest.line.trial(cell, seed, whole=True)
-        outcome = recall(store, trial)
+        outcome = store.get(trial)
         if outcome and outcome.recovered:
             return Case(trial, outcome)
     return None
