@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable
 
@@ -14,6 +15,7 @@ import pytest
 
 from surefoot.disturbance import Push, Pushes
 from surefoot.judge import Outcome
+from surefoot.learning.config import TrainConfig, preset
 from surefoot.policy import NominalPolicy
 from surefoot.robot import Robot, load_robot
 from surefoot.simulation import TICKS_PER_STEP, Simulation, sensor_layout
@@ -63,6 +65,17 @@ class MovingPolicy(NominalPolicy):
             actions[:, self.robot.joint_names.index(joint)] = angle
         self.steps[ids] += 1
         return actions
+
+
+def tiny(algorithm: str, **changes) -> TrainConfig:
+    """A training run of seconds: few robots, small batches."""
+    config = preset("fast", algorithm)
+    hyper = dict(config.hyper)
+    if algorithm == "ddpg":
+        hyper |= {"learning_starts": 64, "batch_size": 32, "gradient_steps": 1, "buffer_size": 5_000}
+    else:
+        hyper |= {"n_steps": 8, "batch_size": 64}
+    return dataclasses.replace(config, hyper=hyper, num_envs=8, steps=512, minutes=5.0, **changes)
 
 
 def write_wrench(pushes: Pushes, wrench: np.ndarray, tick: np.ndarray) -> None:

@@ -22,9 +22,10 @@ from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
 from surefoot.evaluation import find_thresholds
 from surefoot.policy import NominalPolicy
-from surefoot.results import Results, read_thresholds, trial_from_json, trial_to_json
+from surefoot.results import Results, read_thresholds
 from surefoot.robot import World
 from surefoot.scenarios import PAPER, ROBUSTNESS, Scenario
+from surefoot.trial_json import trial_from_json, trial_to_json
 from surefoot.trials import Trial, run_list
 
 TRIAL = Trial(Push("pelvis", (0.0, -1.0, 0.0), 42.0), seed=3, whole=False)

@@ -25,14 +25,13 @@ import mujoco
 import surefoot
 from surefoot import judge, strategies, trials
 from surefoot.climb import Threshold
-from surefoot.control import Imperfections
 from surefoot.controllers.step_times import Timing
-from surefoot.disturbance import Drop, Push
 from surefoot.errors import UserError
 from surefoot.judge import Outcome
 from surefoot.policy import Entrant
-from surefoot.robot import World, load_robot
+from surefoot.robot import load_robot
 from surefoot.scenarios import Line, Scenario, from_json
+from surefoot.trial_json import scenario_to_json, trial_from_json, trial_to_json
 from surefoot.trials import Trial
 
 SCHEMA = 2
@@ -160,7 +159,7 @@ class Results:
         rows = [
             (
                 *key, t.line.scenario.name, t.line.name, t.line.angle, t.size, t.line.scenario.unit, t.trials,
-                t.recovered, t.low, t.high, t.limited_by, _definition(t.line.scenario),
+                t.recovered, t.low, t.high, t.limited_by, scenario_to_json(t.line.scenario),
             )
             for t in thresholds
         ]  # fmt: skip
@@ -170,7 +169,7 @@ class Results:
     def add_scenarios(self, policy: Entrant, scenarios: Iterable[Scenario], wall_s: float) -> None:
         """Note that these have been run to their end, in so many seconds altogether."""
         key = (policy.digest, setup_digest(policy.contract.robot))
-        rows = [(*key, scenario.name, _definition(scenario), wall_s) for scenario in scenarios]
+        rows = [(*key, scenario.name, scenario_to_json(scenario), wall_s) for scenario in scenarios]
         self._db.executemany("INSERT OR REPLACE INTO scenarios VALUES (?, ?, ?, ?, ?)", rows)
         self._db.commit()
 
@@ -351,45 +350,6 @@ def setup_digest(robot: str) -> str:
     protocol = {name: value for name, value in rules.items() if name.isupper() and name != "NUM_SLOTS"}
     text = f"{load_robot(robot).xml}{mujoco.__version__}{sorted(protocol.items())}"
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def trial_to_json(trial: Trial) -> str:
-    """A trial as JSON, without what is as usual: the same text for the same trial."""
-    return json.dumps(_unusual(trial), sort_keys=True)
-
-
-def trial_from_json(text: str) -> Trial:
-    """The inverse of `trial_to_json`."""
-    values = json.loads(text)
-    for name, kind in _PARTS.items():
-        if name in values:
-            part = values[name]
-            values[name] = kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in part.items()})
-    return Trial(**values)
-
-
-_PARTS: dict[str, Any] = {
-    "push": Push,
-    "first": Push,
-    "drop": Drop,
-    "imperfections": Imperfections,
-    "world": World,
-}
-_NO_DEFAULT = object()
-
-
-def _unusual(value: Any) -> dict[str, Any]:
-    """The fields of a dataclass that differ from their defaults, all the way down."""
-    found = {}
-    for field in dataclasses.fields(value):
-        content = getattr(value, field.name)
-        if content != (_NO_DEFAULT if field.default is dataclasses.MISSING else field.default):
-            found[field.name] = _unusual(content) if dataclasses.is_dataclass(content) else content
-    return found
-
-
-def _definition(scenario: Scenario) -> str:
-    return json.dumps(_unusual(scenario), sort_keys=True)
 
 
 def _outcome(values: Sequence[Any]) -> Outcome:
