@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from surefoot.disturbance import PUSH_DURATION, DisturbanceConfig
+from surefoot.disturbance import DisturbanceConfig
 from surefoot.env import EnvConfig, PushRecoveryVectorEnv
 from surefoot.errors import UserError
 
@@ -339,24 +339,26 @@ def test_a_share_of_the_episodes_has_noise_of_any_size_up_to_the_largest() -> No
     assert sizes[noisy].mean() == pytest.approx(0.05, abs=4 * 0.003)
 
 
-def test_the_next_push_is_told_from_a_second_before_it_to_its_end_in_the_robots_heading() -> None:
-    env = make_env(1, pose="bent", disturbance=DisturbanceConfig(impulse=(100.0, 100.0), first=(2.0, 2.0)))
+def test_a_critic_is_told_what_is_charged_and_how_noisy_its_robot_is() -> None:
+    config = {
+        "pose": "bent",
+        "travel_weight": ((0.0, 1.0),),
+        "travel_free": (50.0, 150.0),
+        "noise_share": 0.5,
+        "action_noise": 0.01,
+        "disturbance": DisturbanceConfig(impulse=(75.0, 75.0), first=(0.1, 0.1)),
+    }
+    env = make_env(40, **config)
     env.reset(seed=0)
-    pushes, loop = env.loop.pushes, env.loop
-    pushes.force[:] = [0.0, 100.0 / PUSH_DURATION, 0.0]  # to the left
-    # Half a second before it: half near, of 100 / 200; in its middle, 30 of its 60 ticks are left.
-    for tick, expected in (
-        (400, [0.0, 0.0, 0.0, 0.0]),
-        (750, [0.5, 0.25, 0.0, 0.25]),
-        (1000, [1.0, 0.5, 0.0, 0.5]),
-        (1030, [1.0, 0.25, 0.0, 0.25]),
-        (1060, [0.0, 0.0, 0.0, 0.0]),
-    ):
-        loop.tick[:] = tick
-        np.testing.assert_allclose(env.next_push(), [expected], atol=1e-12)
-    loop.tick[:] = 1000
-    env._heading[:] = 1j  # the robot faces left: the push comes along its x
-    np.testing.assert_allclose(env.next_push(), [[1.0, 0.5, 0.5, 0.0]], atol=1e-12)
+    np.testing.assert_array_equal(env.foreseen()[:, 9:11], 1.0)
+    for _ in range(4):  # 0.16 s: pushed
+        env.step(np.zeros((40, 11)))
+    told = env.foreseen()
+    # 75 Ns are a quarter of the way from 50 to 150: three quarters of the price; and it is no longer all of it.
+    np.testing.assert_allclose(told[:, 9], 0.75)
+    np.testing.assert_array_equal(told[:, 10], 0.0)
+    np.testing.assert_allclose(told[:, 11], env.loop._action_noise._std / 0.01)
+    assert 0.2 < np.mean(told[:, 11] == 0.0) < 0.8
 
 
 def test_pushes_of_the_config_reach_the_robot() -> None:

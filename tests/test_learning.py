@@ -94,9 +94,10 @@ def test_a_mirrored_policy_acts_alike_on_both_sides_but_for_the_side_that_it_pre
         observation.mirror(venv.env.robot),
         observation.mirror_joints(venv.env.robot),
     )
-    inputs = np.random.default_rng(0).standard_normal((16, 51)).astype(np.float32)
-    # The last four tell of the next push: how near, how large, along x, along y.
-    other_side = np.concatenate([inputs[:, source] * sign, inputs[:, 47:] * [1, 1, 1, -1]], axis=1, dtype=np.float32)
+    inputs = np.random.default_rng(0).standard_normal((16, 59)).astype(np.float32)
+    # The last twelve are foreseen; of these the push along y, its lever along y and its side change sign.
+    foreseen_sign = [1, 1, 1, -1, 1, 1, -1, -1, 1, 1, 1, 1]
+    other_side = np.concatenate([inputs[:, source] * sign, inputs[:, 47:] * foreseen_sign], axis=1, dtype=np.float32)
     networks = model.policy.mlp_extractor
     actions = model.predict(inputs, deterministic=True)[0]
     value = model.policy.predict_values(torch.as_tensor(inputs)).detach()
@@ -115,20 +116,20 @@ def test_the_critic_is_told_of_the_next_push_and_the_last_observation_of_an_epis
     model, venv = make(tiny(algorithm))
     venv.seed(0)
     first = venv.reset()
-    assert first.shape == (8, 51)
-    told = [(first, venv.env.next_push())]
+    assert first.shape == (8, 59)
+    told = [(first, venv.env.foreseen())]
     for _ in range(60):
         observations, _, dones, infos = venv.step(np.zeros((8, 11), np.float32))
-        told.append((observations, venv.env.next_push()))
+        told.append((observations, venv.env.foreseen()))
         for i in np.flatnonzero(dones):
-            assert infos[i]["terminal_observation"].shape == (51,)
-    for observations, pushes in told:
-        np.testing.assert_allclose(observations[:, 47:], pushes, rtol=1e-6)
-    assert max(pushes[:, 0].max() for _, pushes in told) == 1.0
+            assert infos[i]["terminal_observation"].shape == (59,)
+    for observations, foreseen in told:
+        np.testing.assert_allclose(observations[:, 47:], foreseen, rtol=1e-6)
+    assert max(foreseen[:, 0].max() for _, foreseen in told) == 1.0
     with torch.no_grad():
-        quiet = torch.zeros(1, 51)
+        quiet = torch.zeros(1, 59)
         pushed = quiet.clone()
-        pushed[0, 47:] = torch.tensor([1.0, 2.0, 2.0, 0.0])
+        pushed[0, 47:51] = torch.tensor([1.0, 2.0, 2.0, 0.0])
         if algorithm == "ddpg":
             (before,), (after,) = (model.critic(seen, torch.zeros(1, 11)) for seen in (quiet, pushed))
         else:

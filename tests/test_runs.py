@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import tiny
+from stable_baselines3 import DDPG
 
 import surefoot.learning.run_folder as run_folder_module
 from surefoot.env import EnvConfig
@@ -76,26 +77,30 @@ def test_a_run_may_begin_with_the_networks_of_another(tmp_path: Path) -> None:
     assert resumed._record()["after"] == record["after"]
 
 
-def test_a_critic_that_inherits_one_without_foresight_judges_as_it_did_until_it_learns(tmp_path: Path) -> None:
-    blind = dataclasses.replace(tiny("ddpg"), foresight=False)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_critic_that_inherits_one_without_foresight_judges_as_it_did_until_it_learns(
+    algorithm: str, tmp_path: Path
+) -> None:
+    blind = dataclasses.replace(tiny(algorithm), foresight=False)
     parent = train(blind, tmp_path / "parent")
     config = dataclasses.replace(blind, foresight=True)
     heir = Trainer(config, RunFolder.create(tmp_path / "heir", config), after=RunFolder(tmp_path / "parent"))
     rng = np.random.default_rng(0)
-    seen, action = (torch.as_tensor(rng.normal(size=(20, n)), dtype=torch.float32) for n in (51, 11))
-    with torch.no_grad():
-        for critic in ("critic", "critic_target"):
-            (before,), (after,) = (
-                getattr(parent.model, critic)(seen[:, :47], action),
-                getattr(heir.model, critic)(seen, action),
-            )
-            torch.testing.assert_close(after, before)
-        torch.testing.assert_close(heir.model.actor(seen), parent.model.actor(seen[:, :47]))
+    seen, action = (torch.as_tensor(rng.normal(size=(20, n)), dtype=torch.float32) for n in (59, 11))
+    for before, after in zip(
+        _values(parent.model, seen[:, :47], action), _values(heir.model, seen, action), strict=True
+    ):
+        torch.testing.assert_close(after, before)
+    actions = [
+        model.predict(inputs, deterministic=True)[0]
+        for model, inputs in ((parent.model, seen[:, :47]), (heir.model, seen))
+    ]
+    np.testing.assert_allclose(*actions, atol=1e-6)
     assert _optimizer_steps(heir.model) == _optimizer_steps(parent.model) > 0
     heir.run()
-    weight = heir.model.critic.qf0[0].weight
-    assert weight.shape == (256, 47 + 4 + 11)
-    assert weight[:, 47:51].abs().max() > 1e-4
+    width = 59 + 11 * (algorithm == "ddpg")
+    weight = next(weight for weight in heir.model.policy.state_dict().values() if weight.shape == (256, width))
+    assert weight[:, 47:59].abs().max() > 1e-4
 
 
 @pytest.mark.parametrize(
@@ -168,6 +173,14 @@ def test_damaged_run_folders_are_refused_in_one_line(tmp_path: Path) -> None:
         folder.config()
     with pytest.raises(UserError, match=r"exists already; resume it with --resume, or give another --run"):
         RunFolder.create(folder.path, tiny("ppo"))
+
+
+def _values(model, seen: torch.Tensor, action: torch.Tensor) -> list[torch.Tensor]:
+    """What the critics think of states, or of actions in them."""
+    with torch.no_grad():
+        if isinstance(model, DDPG):
+            return [critic(seen, action)[0] for critic in (model.critic, model.critic_target)]
+        return [model.policy.predict_values(seen)]
 
 
 def _optimizer_steps(model) -> float:

@@ -12,14 +12,9 @@ from gymnasium.vector import AutoresetMode
 from surefoot import observation, reward
 from surefoot.control import ControlLoop, Imperfections
 from surefoot.disturbance import DisturbanceConfig, RandomPushes
+from surefoot.foresight import Foresight
 from surefoot.robot import load_robot
 from surefoot.simulation import CONTROL_HZ, POLICY_HZ
-
-FORESEEN_UNIT = 200.0
-"""Of the impulse in `PushRecoveryVectorEnv.next_push` [Ns]."""
-FORESEEN_SIGNS = (1.0, 1.0, 1.0, -1.0)
-"""What left and right exchanged do to it."""
-NUM_FORESEEN = len(FORESEEN_SIGNS)
 
 Schedule = tuple[tuple[float, float], ...]
 """Knots (share of the training done, value), linear between them."""
@@ -109,6 +104,8 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self._dropped = np.zeros(num_envs, bool)
         self._in_place = np.ones(num_envs, bool)
         self._heading = np.ones(num_envs, complex)
+        self._noise = np.zeros(num_envs)
+        self._foresight = Foresight(self.robot, self.loop.nominal)
         self._seed(None)
 
     def _seed(self, seed: int | None) -> None:
@@ -156,7 +153,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         info: dict[str, Any] = {}
         done = terminated | truncated
         if done.any():
-            info = {"final_obs": observations.copy(), "_final_obs": done, "final_push": self.next_push()}
+            info = {"final_obs": observations.copy(), "_final_obs": done, "final_foreseen": self.foreseen()}
             fallen = np.flatnonzero(terminated)
             self.random_pushes.fell(fallen, self.loop.tick[fallen])
             ids = np.flatnonzero(done)
@@ -164,21 +161,15 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
             observations[ids] = self.loop.observe(ids)
         return observations, rewards, terminated, truncated, info
 
-    def next_push(self) -> np.ndarray:
-        """What a critic may know of the push to come or under way, and a policy may not: (N, 4) float64.
+    def foreseen(self) -> np.ndarray:
+        """What a critic may know beside the observation, and a policy may not: (N, 12) float64, `foresight.SIGNS`.
 
-        How near it is, from 0 (a second away, or over) to 1 (under way); times how much of its impulse is left, in
-        units of 200 Ns; the same along x and y of the heading frame.
+        The next push (`Foresight.next_push`), the share of the prices of foot travel and sway that is charged now,
+        whether leaving the nominal pose still costs, and the robot's noise as a share of the largest.
         """
-        pushes, tick = self.loop.pushes, self.loop.tick
-        left = np.clip(
-            (pushes.end - np.maximum(tick, pushes.start)) / np.maximum(pushes.end - pushes.start, 1), 0.0, 1.0
-        )
-        near = np.clip(1.0 - (pushes.start - tick) / CONTROL_HZ, 0.0, 1.0) * (left > 0.0)
-        seconds = self.config.disturbance.duration
-        impulse = seconds / FORESEEN_UNIT * (pushes.force[:, 0] + 1j * pushes.force[:, 1]) * self._heading.conj()
-        impulse *= near * left
-        return np.stack([near, np.abs(impulse), impulse.real, impulse.imag], axis=1)
+        loop = self.loop
+        pushes = self._foresight.next_push(loop.pushes, loop.first_pushes, loop.tick, self._heading)
+        return np.column_stack([pushes, self._charged(), self._in_place, self._noise])
 
     def _charged(self) -> np.ndarray:
         """Share of the price of foot travel and sway that each robot pays after its last push: (N,)."""
@@ -201,13 +192,14 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self._dropped[ids] = dropped
         self._in_place[ids] = True
         self._heading[ids] = 1.0
+        self._noise[ids] = 0.0
         if config.noise_share:
             self._spoil(ids[rng.random(n) < config.noise_share])
         self.random_pushes.reset(ids)
 
     def _spoil(self, ids: np.ndarray) -> None:
         """Give robots `ids` noise."""
-        size = self.generator.random(len(ids))
+        self._noise[ids] = size = self.generator.random(len(ids))
         seeds = self.generator.integers(2**31, size=len(ids))
         for robot, share, seed in zip(ids, size, seeds, strict=True):
             noise = Imperfections(share * self.config.observation_noise, share * self.config.action_noise)

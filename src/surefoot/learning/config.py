@@ -42,7 +42,7 @@ class TrainConfig:
         average_steps: policy steps over which the actor's weights are averaged to give the policy that is probed and
             kept; 0 for the newest weights. Learning goes on from the newest ones.
         mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
-        foresight: the critic, and it alone, knows the next push.
+        foresight: the critic, and it alone, knows the next push, and what is charged; see `surefoot.foresight`.
         env: the task.
     """
 

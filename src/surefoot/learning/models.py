@@ -12,10 +12,10 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from surefoot import observation
-from surefoot.env import NUM_FORESEEN
+from surefoot.foresight import SIGNS
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import BatchDDPG, ExplorationNoise, MirroredReplayBuffer
-from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, with_next_push
+from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, with_foreseen
 from surefoot.learning.sb3 import SB3VecEnv
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": BatchDDPG}
@@ -29,13 +29,13 @@ def make_model(
     common: dict[str, Any] = {"seed": config.seed, "device": "cpu"}
     robot = venv.env.robot
     for_observation, for_action = observation.mirror(robot), observation.mirror_joints(robot)
-    foreseen = {"foreseen": NUM_FORESEEN if config.foresight else 0}
+    foreseen = {"foreseen": len(SIGNS) if config.foresight else 0}
     if config.algorithm == "ddpg":
         torch.set_num_threads(1)  # the other cores move the robots meanwhile
         networks: dict[str, Any] = {"net_arch": {"pi": list(config.actor), "qf": list(config.critic)}, **foreseen}
         if config.mirror:
             hyper["replay_buffer_class"] = MirroredReplayBuffer
-            for_critic = with_next_push(for_observation) if config.foresight else for_observation
+            for_critic = with_foreseen(for_observation) if config.foresight else for_observation
             n_step_return = {"n_steps": hyper.pop("n_steps", 1), "gamma": hyper["gamma"]}
             hyper["replay_buffer_kwargs"] = {"mirrors": (for_critic, for_action), **n_step_return}
         hyper["action_noise"] = ExplorationNoise(

@@ -13,7 +13,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.td3.policies import Actor, TD3Policy
 from torch import nn
 
-from surefoot.env import FORESEEN_SIGNS
+from surefoot.foresight import SIGNS
 
 SIDE = 0.2
 """Deviation of what a new symmetric network prefers one side by: enough to begin with."""
@@ -116,7 +116,7 @@ class GaussianPolicy(ActorCriticPolicy):
         if self._mirrors:
             for_observation, for_action = self._mirrors
             networks.policy_net = _Symmetric(networks.policy_net, for_observation, for_action)
-            for_critic = with_next_push(for_observation) if self._foreseen else for_observation
+            for_critic = with_foreseen(for_observation) if self._foreseen else for_observation
             networks.value_net = _Symmetric(networks.value_net, for_critic, None)
         self.mlp_extractor = networks  # type: ignore[assignment]
 
@@ -152,10 +152,10 @@ class DeterministicPolicy(TD3Policy):
         return actor
 
 
-def with_next_push(mirror: Mirror) -> Mirror:
-    """The mirror of an observation, for one that the next push follows."""
+def with_foreseen(mirror: Mirror) -> Mirror:
+    """The mirror of an observation, for one that is followed by what is foreseen."""
     source, sign = mirror
-    return np.append(source, len(source) + np.arange(len(FORESEEN_SIGNS))), np.append(sign, FORESEEN_SIGNS)
+    return np.append(source, len(source) + np.arange(len(SIGNS))), np.append(sign, list(SIGNS.values()))
 
 
 def tensors(mirror: Mirror) -> tuple[torch.Tensor, torch.Tensor]:
@@ -175,29 +175,31 @@ def _linear(network: nn.Module) -> list[nn.Linear]:
     return [module for module in network.modules() if isinstance(module, nn.Linear)]
 
 
-def with_foresight(parameters: Mapping[str, Any], num_observed: int) -> dict[str, Any]:
-    """What a DDPG model without foresight learned, for one with it: its critic is told the next push, unheeded yet.
+def with_foresight(parameters: Mapping[str, Any], model: BaseAlgorithm) -> dict[str, Any]:
+    """What a model learned whose critic foresaw less, or nothing, for a model whose critic has not yet heeded the rest.
 
     Args:
         parameters: as SB3's `get_parameters` gives them.
-        num_observed: length of the observation.
+        model: whose networks are to have them.
     """
-
-    def widened(weight: torch.Tensor) -> torch.Tensor:
-        observed, acted = weight.split([num_observed, weight.shape[1] - num_observed], dim=1)
-        return torch.cat([observed, torch.zeros(len(weight), len(FORESEEN_SIGNS)), acted], dim=1)
-
-    policy, optimizer = dict(parameters["policy"]), parameters["critic.optimizer"]
-    for name in ("critic.qf0.0.weight", "critic_target.qf0.0.weight"):
-        policy[name] = widened(policy[name])
-    first, *others = optimizer["state"].items()
-    key, moments = first
-    moments = {name: value if name == "step" else widened(value) for name, value in moments.items()}
-    return {
-        **parameters,
-        "policy": policy,
-        "critic.optimizer": {**optimizer, "state": {key: moments, **dict(others)}},
+    wanted = model.policy.state_dict()
+    narrow = {
+        tensor.shape: wanted[name].shape[1]
+        for name, tensor in parameters["policy"].items()
+        if tensor.shape != wanted[name].shape
     }
+    (num_actions,) = model.action_space.shape or (0,)
+    acted = num_actions if isinstance(model.policy, TD3Policy) else 0
+
+    def widened(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {key: widened(item) for key, item in value.items()}
+        if not isinstance(value, torch.Tensor) or value.shape not in narrow:
+            return value
+        known, last = value.split([value.shape[1] - acted, acted], dim=1)
+        return torch.cat([known, torch.zeros(len(value), narrow[value.shape] - value.shape[1]), last], dim=1)
+
+    return widened(parameters)
 
 
 Layers = list[tuple[np.ndarray, np.ndarray]]

@@ -11,7 +11,8 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
 from surefoot import observation
-from surefoot.env import NUM_FORESEEN, PushRecoveryVectorEnv
+from surefoot.env import PushRecoveryVectorEnv
+from surefoot.foresight import SIGNS
 
 
 class Normalisation:
@@ -43,7 +44,7 @@ class SB3VecEnv(VecEnv):
 
     Args:
         env: whose robots are to be used.
-        foresight: append the next push to every observation, for a critic; see `PushRecoveryVectorEnv.next_push`.
+        foresight: append what is foreseen to every observation, for a critic; see `PushRecoveryVectorEnv.foreseen`.
 
     Attributes:
         meanwhile: if set, what the learner does while the robots move.
@@ -55,7 +56,7 @@ class SB3VecEnv(VecEnv):
         self._mover = ThreadPoolExecutor(1)
         self.env = env  # SB3's constructor asks it for its render mode
         (num_observed,) = env.single_observation_space.shape or (0,)
-        space = gym.spaces.Box(-np.inf, np.inf, (num_observed + foresight * NUM_FORESEEN,), np.float32)
+        space = gym.spaces.Box(-np.inf, np.inf, (num_observed + foresight * len(SIGNS),), np.float32)
         super().__init__(env.num_envs, space, env.single_action_space)
         self.normalise = Normalisation(env)
         self._no_info: dict[str, Any] = {}
@@ -67,7 +68,7 @@ class SB3VecEnv(VecEnv):
         self._reset_seeds()
         self._return[:] = 0.0
         self._length[:] = 0
-        return self._seen(observations, self.env.next_push())
+        return self._seen(observations, self.env.foreseen())
 
     def step_async(self, actions: np.ndarray) -> None:
         if self.meanwhile:
@@ -87,7 +88,7 @@ class SB3VecEnv(VecEnv):
         infos = [self._no_info] * self.num_envs
         ended = np.flatnonzero(done)
         if len(ended):
-            final = self._seen(info["final_obs"][ended], info["final_push"][ended])
+            final = self._seen(info["final_obs"][ended], info["final_foreseen"][ended])
             for i, last in zip(ended, final, strict=True):
                 infos[i] = {
                     "episode": {"r": self._return[i], "l": int(self._length[i])},
@@ -96,12 +97,12 @@ class SB3VecEnv(VecEnv):
                 }
             self._return[ended] = 0.0
             self._length[ended] = 0
-        return self._seen(observations, self.env.next_push()), rewards.astype(np.float32), done, infos
+        return self._seen(observations, self.env.foreseen()), rewards.astype(np.float32), done, infos
 
-    def _seen(self, observations: np.ndarray, pushes: np.ndarray) -> np.ndarray:
-        """What the networks see of observations (n, 47) and the robots' next pushes."""
+    def _seen(self, observations: np.ndarray, foreseen: np.ndarray) -> np.ndarray:
+        """What the networks see of observations (n, 47) and of what is foreseen for the robots (n, 12)."""
         seen = self.normalise(observations)
-        return np.concatenate([seen, pushes], axis=1, dtype=np.float32) if self.foresight else seen
+        return np.concatenate([seen, foreseen], axis=1, dtype=np.float32) if self.foresight else seen
 
     def close(self) -> None:
         self._mover.shutdown()

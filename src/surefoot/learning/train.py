@@ -222,6 +222,8 @@ class Trainer:
         torch.set_rng_state(state["torch_generator"])
 
     def _take_networks(self, parameters: dict[str, dict], state: dict[str, Any]) -> None:
+        if self.config.foresight:
+            parameters = with_foresight(parameters, self.model)
         self.model.set_parameters(parameters)  # type: ignore[arg-type]
         self.model.num_timesteps = state["steps"]
         if isinstance(self.model, OffPolicyAlgorithm):  # its replay buffer was not kept and is filled anew first
@@ -233,8 +235,6 @@ class Trainer:
         """Begin with the networks of another run: an own clock, schedule and curve."""
         parameters, state = folder.load_checkpoint()
         config, before = folder.config(), state.get("inherited", {})
-        if self.config.foresight and not config.foresight:
-            parameters = with_foresight(parameters, len(self.venv.normalise.mean))
         self._take_networks(parameters, state)
         self._inherited = {
             "preset": config.preset,
@@ -263,7 +263,7 @@ def check_heir(config: TrainConfig, before: TrainConfig, path: Path) -> None:
         UserError: no; it names what differs.
     """
     ours, theirs = dataclasses.asdict(config), dataclasses.asdict(before)
-    if config.algorithm == "ddpg" and config.foresight:
+    if config.foresight:
         theirs["foresight"] = True  # a critic can be told of it later
     for name in ("algorithm", "actor", "critic", "mirror", "foresight"):
         if ours[name] != theirs[name]:
