@@ -212,8 +212,16 @@ _STEADY_ENV = dataclasses.replace(
     power_weight=((0.0, 1.2e-2),),
     disturbance=dataclasses.replace(_WIDE_ENV.disturbance, interval=(2.4, 9.0)),
 )
+# After `fast`: also larger pushes, and more where it falls.
+_STEADY_ON_POLICY_ENV = dataclasses.replace(
+    _FAST_ON_POLICY_ENV,
+    travel_free=(60.0, 120.0),
+    travel_free_s=6.0,
+    disturbance=dataclasses.replace(
+        _FAST_ON_POLICY_ENV.disturbance, impulse=(40.0, 400.0), interval=(2.4, 6.0), focus=0.4
+    ),
+)
 _STEADY = {
-    # After `fast`: also larger pushes, and more where it falls.
     "trpo": dataclasses.replace(
         _FAST["trpo"],
         preset="steady",
@@ -224,14 +232,25 @@ _STEADY = {
         final_noise=0.4,
         average_steps=700_000.0,
         env=dataclasses.replace(
-            _FAST_ON_POLICY_ENV,
+            _STEADY_ON_POLICY_ENV,
             power_weight=((0.0, 8e-3), (0.3, 1.2e-2)),
             posture_weight=((0.0, 0.0), (0.2, 2.0)),
-            travel_free=(60.0, 120.0),
-            travel_free_s=6.0,
-            disturbance=dataclasses.replace(
-                _FAST_ON_POLICY_ENV.disturbance, impulse=(40.0, 400.0), interval=(2.4, 6.0), focus=0.4
-            ),
+        ),
+    ),
+    "ppo": dataclasses.replace(
+        _FAST["ppo"],
+        preset="steady",
+        minutes=60.0,
+        schedule_minutes=60.0,
+        hyper={**_FAST["ppo"].hyper, "learning_rate": 4e-4},
+        final_learning_rate=0.25,
+        log_std=-1.4,
+        final_noise=0.45,
+        average_steps=500_000.0,
+        env=dataclasses.replace(
+            _STEADY_ON_POLICY_ENV,
+            power_weight=((0.0, 2e-3), (0.6, 1e-2)),
+            posture_weight=((0.0, 0.0), (0.2, 0.0), (0.6, 2.0)),
         ),
     ),
     "ddpg": dataclasses.replace(
