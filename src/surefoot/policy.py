@@ -177,6 +177,7 @@ class NetworkPolicy:
         self.robot = self.contract.check()
         self.name = name
         self.digest = hashlib.sha256(data).hexdigest()
+        self._data = data
         self._check_sizes(source)
         self._input = self._session.get_inputs()[0].name
 
@@ -185,6 +186,25 @@ class NetworkPolicy:
         found = [t.shape[1:] for t in self._session.get_inputs()], [t.shape[1:] for t in self._session.get_outputs()]
         if found != ([expected[0]], [expected[1]]):
             raise UserError(f"{source} maps {found[0]} to {found[1]} numbers, not {expected[0]} to {expected[1]}")
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Widths of the hidden layers."""
+        return tuple(len(bias) for _, bias in self._stored_layers()[:-1])
+
+    def layers(self, mean: np.ndarray, std: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(weight, bias) of every layer, the first one as it acts on (observation - mean) / std: what `network_bytes`
+        was given."""
+        (scaled, bias), *others = self._stored_layers()
+        return [((scaled * std).astype(np.float32), (bias + scaled @ mean).astype(np.float32)), *others]
+
+    def _stored_layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        import onnx
+        from onnx import numpy_helper
+
+        graph = onnx.load_model_from_string(self._data).graph
+        tensors = {tensor.name: numpy_helper.to_array(tensor).copy() for tensor in graph.initializer}
+        return [(tensors[f"weight_{i}"], tensors[f"bias_{i}"]) for i in range(len(tensors) // 2)]
 
     def reset(self, ids: np.ndarray) -> None:
         """A feed-forward network remembers nothing."""

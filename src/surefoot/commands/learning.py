@@ -46,13 +46,15 @@ class Train:
     resume: Path | None = None
     """Go on with the run in this folder instead of starting one."""
     after: Path | None = None
-    """Begin with the networks that the run in this folder ended with."""
+    """Begin with the networks that the run in this folder ended with, or fine-tune a policy (a shipped one's name or a
+    file): its critic is learned first."""
 
     def main(self) -> None:
         with needs_torch():
             from surefoot.learning.config import preset
+            from surefoot.learning.inheritance import forerunner
             from surefoot.learning.run_folder import RunFolder
-            from surefoot.learning.train import check_heir, train, with_budget
+            from surefoot.learning.train import train, with_budget
         check_positive("minutes", self.minutes)
         check_positive("steps", self.steps)
         check_not_negative("seed", self.seed)
@@ -65,7 +67,7 @@ class Train:
             config, folder = RunFolder(self.resume).config(), self.resume
             config = with_budget(config, self.minutes, self.steps, config.seed)
         if self.after:
-            check_heir(config, RunFolder(self.after).config(), self.after)
+            forerunner(config, self.after)
         console.print(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
         console.print("the bar ends with the impulses about rejected now: forward/left/backward/right")
         try:

@@ -216,6 +216,36 @@ def actor_layers(model: BaseAlgorithm) -> Layers:
     return _unfold(_linear_layers(network.network), network.side.detach().numpy(), *policy._mirrors)
 
 
+def put_actor(model: BaseAlgorithm, layers: Layers, log_std: float) -> None:
+    """Make a model's actor that of `layers`, as `actor_layers` gives them.
+
+    Args:
+        log_std: a Gaussian policy's logarithm of the deviation.
+    """
+    policy: Any = model.policy
+    if isinstance(policy, TD3Policy):
+        _put_layers(policy.actor.mu, layers)
+        _put_layers(policy.actor_target.mu, layers)
+        return
+    with torch.no_grad():
+        policy.log_std.fill_(log_std)
+    network = policy.mlp_extractor.policy_net
+    if not isinstance(network, _Symmetric):
+        _put_layers(network, layers)
+        return
+    folded, preferred = _fold(layers)
+    _put_layers(network.network, folded)
+    with torch.no_grad():
+        network.side.copy_(torch.from_numpy(preferred))
+
+
+def _put_layers(network: nn.Module, layers: Layers) -> None:
+    with torch.no_grad():
+        for layer, (weight, bias) in zip(_linear(network), layers, strict=True):
+            layer.weight.copy_(torch.from_numpy(weight))
+            layer.bias.copy_(torch.from_numpy(bias))
+
+
 def _linear_layers(network: nn.Module) -> Layers:
     return [(layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in _linear(network)]
 
@@ -235,3 +265,17 @@ def _unfold(layers: Layers, preferred: np.ndarray, for_observation: Mirror, for_
     mirrored_last, mirrored_bias = sign[:, None] * last[source], sign * last_bias[source]
     wide.append((0.5 * np.concatenate([last, mirrored_last], axis=1), 0.5 * (last_bias + mirrored_bias)))
     return wide
+
+
+def _fold(layers: Layers) -> tuple[Layers, np.ndarray]:
+    """The inverse of `_unfold`: f, and what it prefers one side by. The last bias is made symmetric, which changes
+    nothing that the network gives."""
+    (first, first_bias), *inner, (last, last_bias) = layers
+    half = len(first) // 2
+    there, mirrored = first_bias[:half], first_bias[half:]
+    folded = [(first[:half], 0.5 * (there + mirrored))]
+    for weight, bias in inner:
+        half = len(weight) // 2
+        folded.append((weight[:half, : weight.shape[1] // 2], bias[:half]))
+    folded.append((2.0 * last[:, : last.shape[1] // 2], last_bias))
+    return folded, 0.5 * (there - mirrored)

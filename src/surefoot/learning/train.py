@@ -24,10 +24,10 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 import surefoot
 from surefoot.env import PushRecoveryVectorEnv
-from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
+from surefoot.learning.inheritance import forerunner
 from surefoot.learning.models import limit_exploration, make_model
-from surefoot.learning.networks import actor_layers, with_foresight
+from surefoot.learning.networks import actor_layers, put_actor, with_foresight
 from surefoot.learning.probe import Probe, probe
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
@@ -38,6 +38,8 @@ PROBE_S = 30.0
 LOG_S = 2.0
 AVERAGED_SHARE = 0.2
 """The actor is averaged over at most this share of the steps so far: the first ones are soon forgotten."""
+CRITIC_FIRST_STEPS = 250_000
+"""Policy steps in which only the critic learns, when a run begins with a policy and no critic."""
 _FOREVER = 10**12
 
 
@@ -69,7 +71,7 @@ class Trainer:
         config: what to learn.
         folder: where to keep it.
         resume: go on from the folder's checkpoint.
-        after: a finished run whose networks this one begins with.
+        after: what this run begins with: the networks of another run, or a policy, whose critic is learned first.
         on_progress: called a few times a second.
     """
 
@@ -79,7 +81,7 @@ class Trainer:
         folder: RunFolder,
         resume: bool = False,
         on_progress: Callable[[Progress], None] | None = None,
-        after: RunFolder | None = None,
+        after: RunFolder | NetworkPolicy | None = None,
     ):
         self.config = config
         self.folder = folder
@@ -94,11 +96,14 @@ class Trainer:
         self._seconds_before = 0.0
         self._average = actor_layers(self.model)
         self._averaged_steps = 0
+        self._held_until = 0
         self._inherited: dict[str, Any] = {}
         if resume:
             self._restore()
-        elif after:
+        elif isinstance(after, RunFolder):
             self._inherit(after)
+        elif after:
+            self._fine_tune(after)
 
     def run(self) -> None:
         """Learn until the budget is used up.
@@ -132,6 +137,8 @@ class Trainer:
     def advance(self) -> None:
         """Between two rollouts: what changes with the share of the training done, and the averaged actor."""
         config = self.config
+        if self.model.num_timesteps < self._held_until:
+            put_actor(self.model, self._average, self.config.log_std)
         limit_exploration(self.model, config.log_std, self._faded(config.final_noise))
         if config.average_steps:
             steps = self.model.num_timesteps - self._averaged_steps
@@ -206,6 +213,7 @@ class Trainer:
             "env_generator": self.env.generator.bit_generator.state,
             "torch_generator": torch.get_rng_state(),
             "average": [list(layer) for layer in self._average],
+            "held_until": self._held_until,
             "inherited": self._inherited,
         }
 
@@ -214,6 +222,7 @@ class Trainer:
         self._take_networks(parameters, state)
         self.best_score = state["best_score"]
         self._inherited = state.get("inherited", {})
+        self._held_until = state.get("held_until", 0)
         self._seconds_before = self.progress.seconds = state["seconds"]
         self.rng.bit_generator.state = state["noise_generator"]
         self.venv.seed(None)
@@ -225,11 +234,13 @@ class Trainer:
         if self.config.foresight:
             parameters = with_foresight(parameters, self.model)
         self.model.set_parameters(parameters)  # type: ignore[arg-type]
-        self.model.num_timesteps = state["steps"]
-        if isinstance(self.model, OffPolicyAlgorithm):  # its replay buffer was not kept and is filled anew first
-            self.model.learning_starts += state["steps"]
         self._average = [(weight, bias) for weight, bias in state["average"]]
-        self._averaged_steps = state["steps"]
+        self._count_from(state["steps"])
+
+    def _count_from(self, steps: int) -> None:
+        self.model.num_timesteps = self._averaged_steps = steps
+        if isinstance(self.model, OffPolicyAlgorithm):  # its replay buffer was not kept and is filled anew first
+            self.model.learning_starts += steps
 
     def _inherit(self, folder: RunFolder) -> None:
         """Begin with the networks of another run: an own clock, schedule and curve."""
@@ -243,6 +254,17 @@ class Trainer:
             "minutes": round(state["seconds"] / 60.0 + before.get("minutes", 0.0), 2),
         } | ({"after": before} if before else {})
 
+    def _fine_tune(self, policy: NetworkPolicy) -> None:
+        """Begin with a policy: the actor is held until the critic has learned what its actions are worth."""
+        self._average = policy.layers(self.venv.normalise.mean, self.venv.normalise.std)
+        put_actor(self.model, self._average, self.config.log_std)
+        record = policy.contract.training
+        self._inherited = {key: record[key] for key in ("preset", "seed", "policy_steps", "minutes") if key in record}
+        if "after" in record:
+            self._inherited["after"] = record["after"]
+        self._count_from(self._inherited.get("policy_steps", 0))
+        self._held_until = self.model.num_timesteps + CRITIC_FIRST_STEPS
+
     def _learning_rate(self, _: float) -> float:
         return self.config.hyper["learning_rate"] * self._faded(self.config.final_learning_rate)
 
@@ -254,24 +276,6 @@ class Trainer:
     def _faded(self, final: float) -> float:
         """What is left now of something of which `final` is left at the end."""
         return 1.0 - (1.0 - final) * self._scheduled()
-
-
-def check_heir(config: TrainConfig, before: TrainConfig, path: Path) -> None:
-    """Can a run with one configuration begin with the networks of another?
-
-    Raises:
-        UserError: no; it names what differs.
-    """
-    ours, theirs = dataclasses.asdict(config), dataclasses.asdict(before)
-    if config.foresight:
-        theirs["foresight"] = True  # a critic can be told of it later
-    for name in ("algorithm", "actor", "critic", "mirror", "foresight"):
-        if ours[name] != theirs[name]:
-            raise UserError(f"{path} was learned with {name} {theirs[name]}, this run has {ours[name]}")
-    for name in ("robot", "pose", "action_scale"):
-        here, there = ours["env"][name], theirs["env"][name]
-        if here != there:
-            raise UserError(f"{path} was learned with {name} {there}, this run has {here}")
 
 
 class _Watch(BaseCallback):
@@ -361,14 +365,12 @@ def train(
     """Run a training to its end, in a new folder or from the checkpoint of an old one.
 
     Args:
-        after: a run folder whose networks a new run begins with.
+        after: a run folder whose networks a new run begins with, or a policy (a shipped one's name or a file).
 
     Raises:
-        UserError: a folder is not fit for it.
+        UserError: a folder or policy is not fit for it.
     """
-    parent = RunFolder(after) if after else None
-    if parent:
-        check_heir(config, parent.config(), parent.path)
+    parent = forerunner(config, after) if after else None
     folder = RunFolder(path) if resume else RunFolder.create(path, config)
     trainer = Trainer(config, folder, resume, on_progress, parent)
     trainer.run()
