@@ -28,7 +28,7 @@ ALGORITHMS = ("trpo", "ppo", "ddpg")
 def test_a_run_leaves_all_its_files(tmp_path: Path) -> None:
     train(tiny("ppo"), tmp_path / "run")
     names = {file.name.split(".")[0] for file in (tmp_path / "run").iterdir()}
-    assert names == {"config", "curve", "checkpoint", "best", "last", "events"}
+    assert names == {"config", "curve", "checkpoint", "best", "last", "kept", "events"}
     folder = RunFolder(tmp_path / "run")
     assert folder.config() == tiny("ppo")
     (row,) = folder.curve()
@@ -36,6 +36,8 @@ def test_a_run_leaves_all_its_files(tmp_path: Path) -> None:
     training = load_policy(tmp_path / "run").contract.training
     assert training["algorithm"] == "ppo"
     assert training["policy_steps"] == row["steps"]
+    (kept,) = (tmp_path / "run" / "kept").iterdir()
+    assert kept.read_bytes() == (tmp_path / "run" / "last.onnx").read_bytes()
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

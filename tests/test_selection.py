@@ -17,8 +17,8 @@ from surefoot.learning.exam import UP_TO, examine
 from surefoot.learning.models import make_model
 from surefoot.learning.probe import FIRST_SEED, probe
 from surefoot.learning.sb3 import SB3VecEnv
-from surefoot.learning.selection import files, judge, shipped_bytes
-from surefoot.policy import NetworkPolicy, NominalPolicy, load_policy
+from surefoot.learning.selection import files, judge, means, shipped_bytes
+from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, load_policy, network_bytes
 from surefoot.robot import load_robot
 from surefoot.trials import run_list
 
@@ -75,6 +75,23 @@ def test_the_better_policy_is_selected_and_carries_what_was_found(tmp_path: Path
     np.testing.assert_array_equal(chosen(observation, np.arange(1)), load_policy(best.file)(observation, np.arange(1)))
     with pytest.raises(UserError, match=r"no policies in .*nowhere"):
         files([tmp_path / "nowhere"])
+
+
+def test_means_are_of_the_policies_that_a_run_kept_within_some_minutes(tmp_path: Path) -> None:
+    robot = load_robot()
+    contract = Contract.of(robot, "bent", 0.8, {"algorithm": "ddpg"})
+    (tmp_path / "kept").mkdir()
+    for k in range(5):  # minutes 0.5, 2.5, ..., 8.5: a network that always says k
+        layers = [(np.zeros((robot.num_joints, 47)), np.full(robot.num_joints, float(k)))]
+        data = network_bytes(layers, np.zeros(47), np.ones(47), squash=False, contract=contract)
+        (tmp_path / "kept" / f"{2 * k + 0.5:06.1f}.onnx").write_bytes(data)
+    found = means(tmp_path, 4.0)
+    # Windows from 0, 2, 4 and 6 minutes on, two policies in each: 0 and 1, 1 and 2, 2 and 3, 3 and 4.
+    assert [file.name for file in found] == [f"mean-{k}-to-{k + 4}.onnx" for k in (0, 2, 4, 6)]
+    said = [load_policy(file)(np.zeros((1, 47)), np.arange(1))[0, 0] for file in found]
+    assert said == [0.5, 1.5, 2.5, 3.5]
+    assert load_policy(found[1]).contract.training == {"algorithm": "ddpg", "mean_of": 2, "mean_from_minute": 2.0}
+    assert means(tmp_path / "nothing", 4.0) == []
 
 
 def test_every_ablation_leaves_out_one_thing_and_can_be_made() -> None:

@@ -11,6 +11,7 @@ import hashlib
 import importlib.resources
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -310,3 +311,20 @@ def with_record(data: bytes, **entries: Any) -> bytes:
     contract = dataclasses.replace(contract, training=contract.training | entries)
     onnx.helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
     return model.SerializeToString()
+
+
+def mean_bytes(policies: Sequence[bytes], **entries: Any) -> bytes:
+    """A policy file whose weights are the mean of several's, else like the last one.
+
+    Args:
+        policies: files of one network's shape, from a single run.
+        entries: for its training record.
+    """
+    import onnx
+    from onnx import numpy_helper
+
+    models = [onnx.load_model_from_string(data) for data in policies]
+    for tensors in zip(*(model.graph.initializer for model in models), strict=True):
+        mean = np.mean([numpy_helper.to_array(tensor) for tensor in tensors], axis=0)
+        tensors[-1].CopyFrom(numpy_helper.from_array(mean, tensors[-1].name))
+    return with_record(models[-1].SerializeToString(), mean_of=len(models), **entries)

@@ -148,14 +148,20 @@ class Select:
     """Write the best one to this file, with what was found in its training record."""
     rounds: int = 4
     """Sets of trials for each: 128 of pushes at the pelvis, 318 of everything up to our goals."""
+    mean_minutes: float | None = None
+    """Let means compete too, of the weights of all policies that a run kept within so many minutes."""
 
     def main(self) -> None:
         with needs_torch():
-            from surefoot.learning.selection import files, judge, shipped_bytes
+            from surefoot.learning.selection import files, judge, means, shipped_bytes
 
         check_positive("rounds", self.rounds)
+        check_positive("mean-minutes", self.mean_minutes)
+        competing = files(self.runs)
+        if self.mean_minutes:
+            competing += [file for run in self.runs if run.is_dir() for file in means(run, self.mean_minutes)]
         candidates = []
-        for file in files(self.runs):
+        for file in competing:
             with console.status(f"probing {file}"):
                 found = judge(file, self.rounds)
             candidates.append(found)

@@ -54,8 +54,9 @@ class BatchDDPG(DDPG):
         self.policy.set_training_mode(True)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
         assert self.replay_buffer is not None
-        for _ in range(gradient_steps):
-            batch = self.replay_buffer.sample(batch_size)
+        drawn = [part for part in self.replay_buffer.sample(gradient_steps * batch_size) if part is not None]
+        for parts in zip(*(part.split(batch_size) for part in drawn), strict=True):
+            batch = ReplayBufferSamples(*parts)
             _descend(self.critic, self._critic_loss(batch))
             _descend(self.actor, self._actor_loss(batch))
             polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
@@ -81,8 +82,9 @@ class BatchDDPG(DDPG):
 
 
 def _descend(network: Actor | ContinuousCritic, loss: torch.Tensor) -> None:
-    network.optimizer.zero_grad()
-    loss.backward(inputs=list(network.parameters()))  # not through the critic's weights for the actor's sake
+    (group,) = network.optimizer.param_groups
+    for weight, gradient in zip(group["params"], torch.autograd.grad(loss, group["params"]), strict=True):
+        weight.grad = gradient
     network.optimizer.step()
 
 
@@ -117,7 +119,7 @@ class ExplorationNoise(VectorizedActionNoise):
 
 
 class MirroredReplayBuffer(NStepReplayBuffer):
-    """A replay buffer that shows half of every batch in the mirror: a symmetric robot learns both sides at once.
+    """A replay buffer that shows every other transition in the mirror: a symmetric robot learns both sides at once.
 
     Args:
         mirrors: (source, sign) of the observation and of the action, see `observation.mirror`; the other arguments
@@ -136,5 +138,5 @@ class MirroredReplayBuffer(NStepReplayBuffer):
             (batch.next_observations, for_observation),
             (batch.actions, for_action),
         ):
-            vectors[: batch_size // 2] = vectors[: batch_size // 2, source] * sign
+            vectors[::2] = vectors[::2, source] * sign
         return batch

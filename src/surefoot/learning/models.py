@@ -33,6 +33,7 @@ def make_model(
     if config.algorithm == "ddpg":
         torch.set_num_threads(1)  # the other cores move the robots meanwhile
         networks: dict[str, Any] = {"net_arch": {"pi": list(config.actor), "qf": list(config.critic)}, **foreseen}
+        networks["optimizer_kwargs"] = {"fused": True}  # these networks are small: a loop over their weights costs more
         if config.mirror:
             hyper["replay_buffer_class"] = MirroredReplayBuffer
             for_critic = with_foreseen(for_observation) if config.foresight else for_observation

@@ -5,6 +5,7 @@ curve.csv        the learning curve: one row per evaluation
 checkpoint.npz   everything needed to go on: networks, optimisers, random generators (arrays and JSON, no pickle)
 best.onnx        the best policy by evaluation
 last.onnx        the newest one
+kept/*.onnx      every policy that was evaluated, by its minute
 events.out...    TensorBoard logs
 """
 
@@ -26,6 +27,7 @@ from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.policy import SUFFIX
 
+KEPT = "kept"
 _JSON = "__json__"
 
 
@@ -89,8 +91,10 @@ class RunFolder:
             raise UserError(f"{file} is damaged: {error}") from error
 
     def save_policy(self, name: str, data: bytes) -> None:
-        """Keep a policy file under "best" or "last"."""
-        write_whole(self.path / f"{name}{SUFFIX}", data)
+        """Keep a policy file under "best", "last" or `KEPT`/minute."""
+        file = self.path / f"{name}{SUFFIX}"
+        file.parent.mkdir(exist_ok=True)
+        write_whole(file, data)
 
     def append_curve(self, row: dict[str, float]) -> None:
         """Add a row to the learning curve."""

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from surefoot.errors import UserError
 from surefoot.learning.exam import examine
 from surefoot.learning.probe import MAX_PROBE_SCORE, Probe, probe
-from surefoot.policy import SUFFIX, NetworkPolicy, with_record
+from surefoot.learning.run_folder import KEPT, write_whole
+from surefoot.policy import SUFFIX, NetworkPolicy, mean_bytes, with_record
 
 FIRST_ROUND = 1
 """A training probes with round 0, by which its best policy was chosen already."""
@@ -62,6 +65,26 @@ def files(runs: Sequence[Path]) -> list[Path]:
     found = [file for file in (*found, *(run for run in runs if not run.is_dir())) if file.exists()]
     if not found:
         raise UserError(f"no policies in {', '.join(map(str, runs))}")
+    return found
+
+
+def means(run: Path, minutes: float) -> list[Path]:
+    """Means of the weights of all policies that a run kept within so many minutes, written into its folder.
+
+    Holes wander from probe to probe; a mean has few of them, if the policies are near each other.
+
+    Args:
+        minutes: length of a window; the next one begins half a window later.
+    """
+    kept = sorted((run / KEPT).glob(f"*{SUFFIX}"))
+    at = np.array([float(file.name.removesuffix(SUFFIX)) for file in kept])
+    found = []
+    for begin in np.arange(0.0, at.max(initial=0.0) - 0.5 * minutes, 0.5 * minutes):
+        within = [file for file, minute in zip(kept, at, strict=True) if begin <= minute < begin + minutes]
+        if len(within) > 1:
+            data = mean_bytes([file.read_bytes() for file in within], mean_from_minute=float(begin))
+            found.append(run / f"mean-{begin:g}-to-{begin + minutes:g}{SUFFIX}")
+            write_whole(found[-1], data)
     return found
 
 

@@ -29,7 +29,7 @@ from surefoot.learning.inheritance import forerunner
 from surefoot.learning.models import limit_exploration, make_model
 from surefoot.learning.networks import actor_layers, put_actor, with_foresight
 from surefoot.learning.probe import Probe, probe
-from surefoot.learning.run_folder import RunFolder
+from surefoot.learning.run_folder import KEPT, RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
 from surefoot.policy import Contract, NetworkPolicy, network_bytes, with_record
 
@@ -156,6 +156,7 @@ class Trainer:
         found = self.progress.probe = probe(NetworkPolicy(data, "probe"))
         data = with_record(data, probe=found.record())
         self.folder.save_policy("last", data)
+        self.folder.save_policy(f"{KEPT}/{self.progress.seconds / 60.0:06.1f}", data)
         if found.score > self.best_score:
             self.best_score = found.score
             self.folder.save_policy("best", data)
