@@ -40,7 +40,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         (["train", "--steps", "0"], "surefoot: steps must be a positive number, not 0"),
         (["train", "--seed", "-2"], "surefoot: seed must not be negative, not -2"),
         (["train", "--resume", "nowhere"], "surefoot: nowhere is not a run folder: cannot read config.json"),
-        (["train", "--after", "nowhere"], "surefoot: nowhere is not a run folder: cannot read config.json"),
+        (["train", "--after", "nowhere"], "surefoot: cannot read policy nowhere: No such file or directory" + SHIPPED),
         (["evaluate", "no.onnx"], "surefoot: cannot read policy no.onnx: No such file or directory" + SHIPPED),
         (["evaluate", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
         (["evaluate", "empty"], "surefoot: cannot read policy empty/best.onnx: No such file or directory" + SHIPPED),

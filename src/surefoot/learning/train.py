@@ -89,7 +89,9 @@ class Trainer:
         self.progress = Progress()
         self.best_score = -np.inf
         self.interrupted = False
-        self.env = PushRecoveryVectorEnv(config.num_envs, config.env)
+        # DDPG's gradients need a core of their own meanwhile.
+        num_threads = max(1, (os.cpu_count() or 1) - 1) if config.algorithm == "ddpg" else 0
+        self.env = PushRecoveryVectorEnv(config.num_envs, config.env, num_threads)
         self.venv = SB3VecEnv(self.env, config.foresight)
         self.rng = np.random.default_rng(config.seed)
         self.model = make_model(config, self.venv, self.rng, self._learning_rate)
