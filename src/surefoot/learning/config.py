@@ -307,7 +307,24 @@ _COMPLETE = {
         noise=(0.01, 0.15),
         final_noise=0.6,
         average_steps=800_000.0,
-    )
+    ),
+    # Pushes at the pelvis alone: drops and other bodies cost PPO recoveries.
+    "ppo": dataclasses.replace(
+        _STEADY["ppo"],
+        preset="complete",
+        minutes=75.0,
+        schedule_minutes=75.0,
+        hyper={**_STEADY["ppo"].hyper, "learning_rate": 3e-4},
+        final_learning_rate=0.4,
+        log_std=-1.75,
+        final_noise=0.75,
+        env=dataclasses.replace(
+            _STEADY["ppo"].env,
+            power_weight=((0.0, 1e-2),),
+            posture_weight=((0.0, 2.0),),
+            disturbance=dataclasses.replace(_STEADY["ppo"].env.disturbance, impulse=(40.0, 440.0), focus=0.5),
+        ),
+    ),
 }
 PRESETS = {"paper": _PAPER, "fast": _FAST, "wide": _WIDE, "steady": _STEADY, "complete": _COMPLETE}
 
