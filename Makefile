@@ -37,7 +37,7 @@ quick-demo: $(READY)
 bench: $(READY)
 	$(BIN)/surefoot bench
 
-# What results/ holds and the README quotes: learning, four and a half hours on two cores, then the tables.
+# What results/ holds and the README quotes: learning, eight and a half hours on two cores, then the tables.
 ALGORITHMS := trpo ppo ddpg
 SEEDS := 0 1 2
 POLICIES := src/surefoot/policies
