@@ -40,7 +40,7 @@ bench: $(READY)
 # What results/ holds and the README quotes: learning, eight and a half hours on two cores, then the tables.
 ALGORITHMS := trpo ppo ddpg
 SEEDS := 0 1 2
-POLICIES := src/surefoot/policies
+POLICIES := src/surefoot/agents/shipped
 results: $(READY)
 	for s in $(SEEDS); do \
 	    $(BIN)/surefoot train --algorithm trpo --minutes 27 --seed $$s --run runs/results/trpo-$$s && \

@@ -50,12 +50,12 @@ def take(chromium: Any, num_robots: int, act: Callable[[Page], None], path: Path
 
 def pushed_forward(page: Page) -> None:
     """In the first half second after a hard push."""
-    run(page, lambda session: session.push(horizontal_push("pelvis", 0.0, 300.0)), 0.28)
+    run(page, lambda session: session.push(horizontal_push("root", 0.0, 300.0)), 0.28)
 
 
 def pushed_left(page: Page) -> None:
     """Hard, from the side."""
-    run(page, lambda session: session.push(horizontal_push("pelvis", 90.0, 300.0)), 1.6)
+    run(page, lambda session: session.push(horizontal_push("root", 90.0, 300.0)), 1.6)
 
 
 def run(page: Page, action: Callable[[Session], object], seconds: float) -> None:

@@ -5,7 +5,7 @@ surefoot evaluate examples/capture_point.py:CapturePoint
 
 import numpy as np
 
-from surefoot.controllers import Command, State
+from surefoot.agents.controllers.controller import Command, State
 
 GAIN = 2.0  # pressure centre ahead of the capture point
 

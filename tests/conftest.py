@@ -13,14 +13,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from surefoot.disturbance import Push, Pushes
-from surefoot.judge import Outcome
+from surefoot.agents.nominal import NominalAgent
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.trials import Trial, run_list
 from surefoot.learning.config import TrainConfig, preset
-from surefoot.policy import NominalPolicy
-from surefoot.robot import Robot, load_robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation, sensor_layout
-from surefoot.ticks import Ticks
-from surefoot.trials import Trial, run_list
+from surefoot.physics.mujoco_engine import MujocoEngine, sensor_layout
+from surefoot.physics.pushes import Push, Pushes
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import TICKS_PER_STEP
+from surefoot.robots.robot import Robot, load_robot
 
 TOTAL_MASS = 137.287494
 """Of NASA's description [kg]."""
@@ -36,7 +37,7 @@ def an_outcome(**changes: object) -> Outcome:
     """An outcome of a trial that recovered at its horizon, but for what is changed; six joint groups."""
     values = {
         "recovered": True, "reason": "recovered", "seconds": 10.0, "foot_shift": 0.0, "com_speed": 0.01,
-        "pelvis_tilt": 0.1, "ankle": False, "hip": False, "foot_tilt": False, "steps": 0, "calm_drift": 0.001,
+        "root_tilt": 0.1, "ankle": False, "hip": False, "foot_tilt": False, "steps": 0, "calm_drift": 0.001,
         "calm_power": 2.0, "calm_steps": 0.0, "torque_ratio": 0.5, "speed_ratio": 0.25, "torque_peaks": (10.0,) * 6,
         "speed_peaks": (1.0,) * 6, "saturated_s": (0.0,) * 6,
     }  # fmt: skip
@@ -47,7 +48,7 @@ def pushed(impulse: float, seed: int, direction: tuple = (1.0, 0.0, 0.0), whole:
     return Trial(Push(direction=direction, impulse=impulse, **push), seed, whole)
 
 
-class MovingPolicy(NominalPolicy):
+class MovingPolicy(NominalAgent):
     """Moves joints by a function of the time [s] since each robot's own start; the other joints hold the pose."""
 
     def __init__(self, robot: Robot, motion: Motion, pose: str = "bent"):
@@ -106,7 +107,7 @@ class Trace:
     def __init__(self, *quantities: str):
         self.steps: dict[str, list[np.ndarray]] = {quantity: [] for quantity in quantities}
 
-    def __call__(self, running: np.ndarray, ticks: Ticks) -> None:
+    def __call__(self, running: np.ndarray, ticks: StepRecord) -> None:
         for quantity, steps in self.steps.items():
             steps.append(getattr(ticks, quantity)[0].copy())
 
@@ -114,27 +115,29 @@ class Trace:
         return np.concatenate(self.steps[quantity])
 
 
-def run_one(policy: NominalPolicy, trial: Trial, *quantities: str) -> tuple[Outcome, Trace]:
+def run_one(policy: NominalAgent, trial: Trial, *quantities: str) -> tuple[Outcome, Trace]:
     trace = Trace(*quantities)
     outcomes = run_list(policy, [trial], num_slots=1, num_threads=1, on_step=trace)
     return outcomes[trial], trace
 
 
-def everyone(simulation: Simulation) -> np.ndarray:
-    return np.arange(simulation.num_robots)
+def everyone(engine: MujocoEngine) -> np.ndarray:
+    return np.arange(engine.num_robots)
 
 
-def stand(robot: Robot, num_robots: int, num_threads: int = 1, pose: str = "bent", **where: object) -> Simulation:
-    simulation = Simulation(robot, num_robots, num_threads)
-    simulation.reset(everyone(simulation), np.tile(robot.pose(pose), (num_robots, 1)), **where)
-    return simulation
+def stand(robot: Robot, num_robots: int, num_threads: int = 1, pose: str = "bent", **where: object) -> MujocoEngine:
+    engine = MujocoEngine(robot, num_robots, num_threads)
+    engine.reset(everyone(engine), np.tile(robot.pose(pose), (num_robots, 1)), **where)
+    return engine
 
 
 def hold(robot: Robot, num_robots: int, pose: str = "bent") -> np.ndarray:
     return np.tile(robot.pose(pose), (num_robots, TICKS_PER_STEP, 1))
 
 
-def plain_steps(robot: Robot, targets: np.ndarray, push: np.ndarray) -> tuple[mujoco.MjModel, mujoco.MjData, Ticks]:
+def plain_steps(
+    robot: Robot, targets: np.ndarray, push: np.ndarray
+) -> tuple[mujoco.MjModel, mujoco.MjData, StepRecord]:
     """The bent robot from 1 cm above the floor in a loop of mj_step, `push` on its torso: (num_ticks, ...) of one."""
     model = robot.model()
     data = mujoco.MjData(model)
@@ -146,11 +149,11 @@ def plain_steps(robot: Robot, targets: np.ndarray, push: np.ndarray) -> tuple[mu
         data.xfrc_applied[robot.body_id("torso"), :3] = push
         mujoco.mj_step(model, data)
         record[0, tick] = data.sensordata
-    return model, data, Ticks(robot, sensor_layout(model), record)
+    return model, data, StepRecord(robot, sensor_layout(model), record)
 
 
 def posed(robot: Robot, model: mujoco.MjModel, height: float = 5.0, **joints: float) -> mujoco.MjData:
-    """The pelvis at `height`, upright, joints at 0 but for the named ones."""
+    """The root at `height`, upright, joints at 0 but for the named ones."""
     data = mujoco.MjData(model)
     data.qpos[2] = height
     for name, angle in joints.items():
@@ -165,27 +168,27 @@ def robot() -> Robot:
 
 
 @pytest.fixture(scope="session")
-def standing(robot: Robot) -> Ticks:
+def standing(robot: Robot) -> StepRecord:
     """The last policy step of a robot that has stood in its straight pose for 2 s; (1, 20) ticks, not to be changed."""
-    simulation = Simulation(robot, 1, num_threads=1)
+    engine = MujocoEngine(robot, 1, num_threads=1)
     pose = robot.pose("straight")[None]
-    simulation.reset(np.array([0]), pose)
+    engine.reset(np.array([0]), pose)
     targets = np.tile(pose[:, None], (1, TICKS_PER_STEP, 1))
     for _ in range(50):
-        ticks = simulation.step(targets)
-    return Ticks(robot, simulation.layout, ticks.record.copy())
+        ticks = engine.step(targets)
+    return StepRecord(robot, engine.layout, ticks.record.copy())
 
 
 @pytest.fixture(scope="session")
-def altered(robot: Robot) -> Callable[..., Ticks]:
-    """Ticks in which the named sensors read other values: `altered(ticks, com_velocity=(0, 0, 1))`."""
-    layout = Simulation(robot, 1, num_threads=1).layout
+def altered(robot: Robot) -> Callable[..., StepRecord]:
+    """StepRecord in which the named sensors read other values: `altered(ticks, com_velocity=(0, 0, 1))`."""
+    layout = MujocoEngine(robot, 1, num_threads=1).layout
 
-    def alter(ticks: Ticks, **values: object) -> Ticks:
+    def alter(ticks: StepRecord, **values: object) -> StepRecord:
         record = ticks.record.copy()
         for sensor, value in values.items():
             record[..., layout[sensor]] = value
-        return Ticks(robot, layout, record)
+        return StepRecord(robot, layout, record)
 
     return alter
 

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.controllers import load_entrant, shipped_controllers
-from surefoot.judge import Outcome
-from surefoot.scenarios import PAPER, ROBUSTNESS, Line
-from surefoot.trials import Trial, run_list
+from surefoot.agents.controllers import load_agent, shipped_controllers
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, Line
+from surefoot.evaluation.trials import Trial, run_list
 
 FILE = Path(__file__).parent / "data" / "referee.csv"
 COLUMNS = ("agent", "scenario", "direction", "cell", "seed", "whole", "outcome")
@@ -47,8 +47,7 @@ def draw() -> list[dict[str, str]]:
             num_trials = 1 if few or scenario.horizon > 10.0 else 3
             if few and rng.random() < 0.6:
                 continue
-            for line in rng.choice(np.array(lines, object), num_trials):
-                rows.append(_row(agent, line, rng))
+            rows += [_row(agent, line, rng) for line in rng.choice(np.array(lines, object), num_trials)]
     return rows
 
 
@@ -66,9 +65,9 @@ def run(rows: list[dict[str, str]]) -> list[Outcome]:
     outcomes: dict[tuple[str, Trial], Outcome] = {}
     for name in dict.fromkeys(row["agent"] for row in rows):
         trials = [trial_of(row) for row in rows if row["agent"] == name]
-        for world in dict.fromkeys(trial.world for trial in trials):
-            mine = [trial for trial in trials if trial.world == world]
-            found = run_list(load_entrant(name), mine, num_slots=32, world=world)
+        for domain in dict.fromkeys(trial.domain for trial in trials):
+            mine = [trial for trial in trials if trial.domain == domain]
+            found = run_list(load_agent(name), mine, num_slots=32, domain=domain)
             outcomes |= {(name, trial): outcome for trial, outcome in found.items()}
     return [outcomes[row["agent"], trial_of(row)] for row in rows]
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from surefoot import balance
+from surefoot.physics import balance
 
 
 def test_the_capture_point_is_where_equation_5_puts_it() -> None:

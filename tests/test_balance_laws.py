@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from conftest import pushed
 
-from surefoot.controllers import load_controller, shipped_controllers
-from surefoot.controllers.body import Body
-from surefoot.controllers.inverse_dynamics import InverseDynamics, Motion, clip_to_support, share_pressure
-from surefoot.controllers.linear_mpc import CartTable, Pendulum, QuadraticPrograms
-from surefoot.controllers.loop import ControllerLoop
-from surefoot.controllers.protocol import State
-from surefoot.controllers.stepping import Situation
-from surefoot.controllers.urata2011 import FootPlacement
-from surefoot.disturbance import Push
-from surefoot.judge import Outcome
-from surefoot.robot import Robot
-from surefoot.trials import Trial, run_list
+from surefoot.agents.controllers import load_controller, shipped_controllers
+from surefoot.agents.controllers.body import Body
+from surefoot.agents.controllers.controller import State
+from surefoot.agents.controllers.inverse_dynamics import InverseDynamics, Motion, clip_to_support, share_pressure
+from surefoot.agents.controllers.linear_mpc import CartTable, Pendulum, QuadraticPrograms
+from surefoot.agents.controllers.loop import ControllerLoop
+from surefoot.agents.controllers.stepping import Situation
+from surefoot.agents.controllers.urata2011 import FootPlacement
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.trials import Trial, run_list
+from surefoot.physics.pushes import Push
+from surefoot.robots.robot import Robot
 
 WAYS = {"forward": (1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "backward": (-1.0, 0.0, 0.0), "right": (0.0, -1.0, 0.0)}
 
@@ -42,7 +42,7 @@ def test_the_body_is_the_measured_robot(robot: Robot, moving: tuple[ControllerLo
     np.testing.assert_allclose(body.soles, state.sole_position, atol=1e-9)
     velocity = np.matmul(body.com_jacobian, body.velocity[..., None])[..., 0]
     np.testing.assert_allclose(velocity, state.com_velocity, atol=1e-9)
-    # Each leg moves its own sole only: hip roll and pitch, knee, ankle pitch and roll, after the pelvis' six.
+    # Each leg moves its own sole only: hip roll and pitch, knee, ankle pitch and roll, after the root's six.
     moves = np.abs(body.sole_jacobian[0]).max(axis=1) > 1e-6
     assert [np.flatnonzero(moves[foot, 6:]).tolist() for foot in (0, 1)] == [[1, 2, 3, 4, 5], [6, 7, 8, 9, 10]]
 
@@ -62,7 +62,7 @@ def test_the_equations_of_motion_are_mujocos(robot: Robot, moving: tuple[Control
     mujoco.mj_forward(model, data)
     free = data.qacc.copy()
     needed = body.mass_matrix[1] @ free + body.bias[1]
-    np.testing.assert_allclose(needed[:6], 0.0, atol=1e-6)  # in free fall nothing holds the pelvis
+    np.testing.assert_allclose(needed[:6], 0.0, atol=1e-6)  # in free fall nothing holds the root
     np.testing.assert_allclose(needed[6:], torque, atol=1e-6)
 
 

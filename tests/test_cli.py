@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot.cli import COMMANDS
-from surefoot.commands.testing import chosen_scenarios
-from surefoot.policy import Contract, network_bytes, shipped_policies
-from surefoot.robot import load_robot
+from surefoot.agents.contract import Contract
+from surefoot.agents.load import shipped_policies
+from surefoot.agents.policy_file import network_bytes
+from surefoot.cli.main import COMMANDS
+from surefoot.cli.testing import chosen_scenarios
+from surefoot.robots.robot import load_robot
 
 
 def surefoot(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -65,7 +67,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         (["picture", "--duration", "nan"], "surefoot: duration must be a positive number, not nan"),
         (
             ["picture", "--body", "nose"],
-            "surefoot: unknown body 'nose' of valkyrie; valid: pelvis, torso, left_thigh, right_thigh, left_shank, "
+            "surefoot: unknown body 'nose' of valkyrie; valid: root, torso, left_thigh, right_thigh, left_shank, "
             "right_shank",
         ),
         (
@@ -75,7 +77,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         (
             ["evaluate", "nominal", "--suite", "knee.toml"],
             "surefoot: knee.toml, scenario 1 (kick): unknown body 'knee' of valkyrie; "
-            "valid: pelvis, torso, left_thigh, right_thigh, left_shank, right_shank",
+            "valid: root, torso, left_thigh, right_thigh, left_shank, right_shank",
         ),
         (["bench", "--seconds", "inf"], "surefoot: seconds must be a positive number, not inf"),
     ],
@@ -100,11 +102,11 @@ def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard
     done = surefoot("evaluate", "nominal", "--json", "-", "--export", "trials.csv", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)
-    four = [figures[f"pelvis_push.{name}"] for name in ("forward", "left", "backward", "right")]
-    assert figures["pelvis_push.worst"] == min(four)
-    assert figures["pelvis_push.best"] == max(four)
-    assert figures["pelvis_push.directions"] == 4
-    assert figures["pelvis_push.worst_Ns_per_kg"] == pytest.approx(min(four) / 137.2875, abs=1e-4)
+    four = [figures[f"root_push.{name}"] for name in ("forward", "left", "backward", "right")]
+    assert figures["root_push.worst"] == min(four)
+    assert figures["root_push.best"] == max(four)
+    assert figures["root_push.directions"] == 4
+    assert figures["root_push.worst_Ns_per_kg"] == pytest.approx(min(four) / 137.2875, abs=1e-4)
     assert all(impulse % 6.0 == 0.0 for impulse in four)
     assert "Table I" in done.stderr
     assert "Traceback" not in done.stderr
@@ -113,11 +115,11 @@ def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard
     assert num_rows >= sum(8 * (impulse / 6.0 - 1) + 40 for impulse in four)
 
 
-def test_directions_are_those_of_the_pelvis_pushes_and_a_files_own_stay_as_they_stand(tmp_path: Path) -> None:
-    (paper,) = (scenario for scenario in chosen_scenarios("paper", 16) if scenario.name == "pelvis_push")
+def test_directions_are_those_of_the_root_pushes_and_a_files_own_stay_as_they_stand(tmp_path: Path) -> None:
+    (paper,) = (scenario for scenario in chosen_scenarios("paper", 16) if scenario.name == "root_push")
     assert paper.directions == 16
-    assert [scenario.directions for scenario in chosen_scenarios("pelvis", 8)] == [8]
-    (tmp_path / "s.toml").write_text('[[scenario]]\nname = "pelvis_push"\nlatency = 0.02\n')
+    assert [scenario.directions for scenario in chosen_scenarios("root", 8)] == [8]
+    (tmp_path / "s.toml").write_text('[[scenario]]\nname = "root_push"\nlatency = 0.02\n')
     (own,) = chosen_scenarios(str(tmp_path / "s.toml"), 16)
     assert (own.latency, own.directions) == (0.02, 4)
 

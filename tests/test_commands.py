@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from surefoot import scene
-from surefoot.disturbance import Drop
+from surefoot.agents.nominal import NominalAgent
+from surefoot.cli.watching import Picture, Video, push_trial, scenario_trial
 from surefoot.errors import UserError
-from surefoot.policy import NominalPolicy
-from surefoot.scenarios import Scenario
-from surefoot.scene import Scene
-from surefoot.video import draw_moment, record, trial_words
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.physics.pushes import Drop
+from surefoot.rendering import renderer as scene
+from surefoot.rendering.film import draw_moment, record, trial_words
+from surefoot.rendering.renderer import Renderer
 from surefoot.viewer.clip import SIZE, ClipRecorder, save_clip
-from surefoot.viewer.commands import Picture, Video, push_trial, scenario_trial
 from surefoot.viewer.session import Session, horizontal_push
 
 
@@ -73,7 +73,7 @@ def test_a_scenario_is_shown_as_it_is_tested():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("flight", "forward", 6.0, 0), "unknown scenario 'flight'; valid: pelvis_push, "),
+        (("flight", "forward", 6.0, 0), "unknown scenario 'flight'; valid: root_push, "),
         (("combined", "up", 6.0, 0), "combined has no direction 'up'; valid: forward, left, backward, right"),
         (("combined", "left", 7.0, 0), "combined has no size 7; valid: multiples of 6 up to 900 Ns"),
         (("combined", "left", float("nan"), 0), "combined has no size nan"),
@@ -95,8 +95,8 @@ def test_trials_are_told_in_words():
 
 def test_the_push_in_the_air_is_drawn_when_it_comes(needs_opengl):
     trial = scenario_trial("combined", "forward", 300.0, 0)
-    recording = record(NominalPolicy(), trial)
-    with Scene(recording.robot, 320, 240) as canvas:
+    recording = record(NominalAgent(), trial)
+    with Renderer(recording.robot, 320, 240) as canvas:
         lift, push = (draw_moment(canvas, trial, recording.at(time)) for time in (0.1, 0.3))
     orange = [((p >= (200, 50, 0)) & (p <= (255, 140, 60))).all(axis=-1) for p in (lift, push)]
     rows, columns = zip(*(np.ptp(np.argwhere(o), axis=0) for o in orange), strict=True)
@@ -105,8 +105,8 @@ def test_the_push_in_the_air_is_drawn_when_it_comes(needs_opengl):
 
 
 def test_a_clip_replays_what_was_played_with_its_push(needs_opengl, tmp_path):
-    session, recorder = Session(NominalPolicy(), 1), ClipRecorder()
-    session.push(horizontal_push("pelvis", 0.0, 120.0))
+    session, recorder = Session(NominalAgent(), 1), ClipRecorder()
+    session.push(horizontal_push("root", 0.0, 120.0))
     for _ in range(4):
         session.step()
         recorder.add(session, 0)

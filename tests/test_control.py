@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from surefoot import observation
-from surefoot.control import PERFECT, ControlLoop, Imperfections
 from surefoot.errors import UserError
-from surefoot.robot import Robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation
-from surefoot.ticks import Ticks
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import TICKS_PER_STEP
+from surefoot.robots.robot import Robot
+from surefoot.task import observation
+from surefoot.task.control_loop import ControlLoop
+from surefoot.task.imperfections import PERFECT, Imperfections
 
 LEG = ("hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll")
 JOINTS = {"torso_pitch", *(f"{side}_{name}" for side in ("left", "right") for name in LEG)}
@@ -19,7 +21,7 @@ def make_loop(robot: Robot, num_robots: int, pose: str = "bent", action_scale: f
     return ControlLoop(robot, num_robots, robot.pose(pose), action_scale, num_threads=1)
 
 
-def targets_of(ticks: Ticks) -> np.ndarray:
+def targets_of(ticks: StepRecord) -> np.ndarray:
     """The joint targets behind the torques: torque = Kp (target - q) - Kd q', solved for the target."""
     robot = ticks.robot
     assert (np.abs(ticks.joint_torque) < robot.torque_limit).all()
@@ -105,10 +107,10 @@ def test_the_filter_starts_in_the_steady_state_of_the_first_observation(robot: R
 
 
 def test_the_nominal_com_height_is_that_of_the_nominal_pose(robot: Robot) -> None:
-    # Straight: 1.171429 m from pelvis to sole, CoM 0.0672 m below the pelvis (test_robot.py).
+    # Straight: 1.171429 m from root to sole, CoM 0.0672 m below the root (test_robot.py).
     assert make_loop(robot, 1, "straight").nominal_com_height == pytest.approx(1.1042, abs=5e-4)
     # Bent by 0.5 rad: thigh 0.43096 (1 - cos 0.19) = 7.8 mm and shank 0.40627 (1 - cos 0.31) = 19.4 mm lower the
-    # pelvis by 27 mm, and the CoM, three quarters of which it carries, by a bit less.
+    # root by 27 mm, and the CoM, three quarters of which it carries, by a bit less.
     bent = make_loop(robot, 1, "bent").nominal_com_height
     assert 1.1042 - 0.027 < bent < 1.1042 - 0.018
 
@@ -117,7 +119,7 @@ def test_a_push_acts_at_its_ticks_and_reset_cancels_it(robot: Robot) -> None:
     loop = make_loop(robot, 2)
     loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=5.0)
     impulse = np.tile([24.0, 0.0, 0.0], (2, 1))
-    loop.pushes.schedule(np.arange(2), np.full(2, robot.body_id("pelvis")), impulse, np.array([33, 33]), 0.12)
+    loop.pushes.schedule(np.arange(2), np.full(2, robot.body_id("root")), impulse, np.array([33, 33]), 0.12)
     momentum = [137.2875 * loop.step(np.zeros((2, 11))).com_velocity[..., 0] for _ in range(2)]
     # Tick 33 is the first one pushed; tick 39, the last seen, has felt 6 ticks of 24 / 60 = 0.4 Ns.
     np.testing.assert_allclose(momentum[0], 0.0, atol=0.01)
@@ -157,19 +159,19 @@ def test_a_step_of_some_robots_leaves_the_others_clock_target_and_filter(robot: 
 def test_the_loop_moves_the_robot_as_the_simulation_alone_does(robot: Robot) -> None:
     loop = make_loop(robot, 1, pose="straight")
     loop.reset(np.array([0]), np.zeros((1, 11)))
-    simulation = Simulation(robot, 1, num_threads=1)
-    simulation.reset(np.array([0]), np.zeros((1, 11)))
+    engine = MujocoEngine(robot, 1, num_threads=1)
+    engine.reset(np.array([0]), np.zeros((1, 11)))
     for _ in range(5):
         record = loop.step(np.zeros((1, 11))).record.copy()
-        np.testing.assert_array_equal(record, simulation.step(np.zeros((1, TICKS_PER_STEP, 11))).record)
+        np.testing.assert_array_equal(record, engine.step(np.zeros((1, TICKS_PER_STEP, 11))).record)
 
 
 def test_a_first_push_and_another_add_up_and_reset_cancels_both(robot: Robot) -> None:
     loop = make_loop(robot, 2)
     loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=5.0)
-    pelvis, torso = (np.full(2, robot.body_id(body)) for body in ("pelvis", "torso"))
+    root, torso = (np.full(2, robot.body_id(body)) for body in ("root", "torso"))
     for pushes, body, impulse, start in (
-        (loop.first_pushes, pelvis, [24.0, 0.0, 0.0], 5),
+        (loop.first_pushes, root, [24.0, 0.0, 0.0], 5),
         (loop.pushes, torso, [0.0, -12.0, 0.0], 45),
     ):
         pushes.schedule(np.arange(2), body, np.tile(impulse, (2, 1)), np.array([start, start]), 0.12)
@@ -258,8 +260,8 @@ def test_action_noise_never_asks_for_more_than_a_joints_range(robot: Robot) -> N
     loop.spoil(0, Imperfections(action_noise=5.0), seed=0)
     for _ in range(10):
         loop.step(np.zeros((1, 11)))
-        assert (loop.simulation.joint_targets >= robot.joint_lower - 1e-12).all()
-        assert (loop.simulation.joint_targets <= robot.joint_upper + 1e-12).all()
+        assert (loop.engine.joint_targets >= robot.joint_lower - 1e-12).all()
+        assert (loop.engine.joint_targets <= robot.joint_upper + 1e-12).all()
 
 
 ROUGH = Imperfections(observation_noise=0.5, action_noise=0.05, sensor_bias=0.1, latency=0.01)

@@ -11,25 +11,25 @@ import numpy as np
 import pytest
 from conftest import pushed
 
-from surefoot.control import Imperfections
-from surefoot.controllers import load_controller, load_entrant, shipped_controllers
-from surefoot.controllers.loop import ControllerLoop
-from surefoot.controllers.protocol import Command, Contestant, State
-from surefoot.controllers.step_times import StepTimes, Timing
-from surefoot.controllers.timing import timing_figures, timing_table
-from surefoot.disturbance import Drop
+from surefoot.agents.controllers import load_agent, load_controller, shipped_controllers
+from surefoot.agents.controllers.controller import Command, ControllerAgent, State
+from surefoot.agents.controllers.loop import ControllerLoop
+from surefoot.agents.controllers.step_times import StepTimes, Timing
 from surefoot.errors import UserError
-from surefoot.replay import differences, find_policy, replay
-from surefoot.results import Results
-from surefoot.robot import Robot
-from surefoot.ticks import Ticks
-from surefoot.trials import Trial, run_list
+from surefoot.evaluation.replay import differences, find_policy, replay
+from surefoot.evaluation.results import Results
+from surefoot.evaluation.trials import Trial, run_list
+from surefoot.physics.pushes import Drop
+from surefoot.physics.step_record import StepRecord
+from surefoot.report.step_timing import timing_figures, timing_table
+from surefoot.robots.robot import Robot
+from surefoot.task.imperfections import Imperfections
 
 ROOT = Path(__file__).parent.parent
 Answer = Callable[[State, np.ndarray, np.ndarray], Command]
 
 
-def contestant(answer: Answer, rate_hz: int = 100, path: str = "hold") -> Contestant:
+def contestant(answer: Answer, rate_hz: int = 100, path: str = "hold") -> ControllerAgent:
     """A controller that answers by a function of state, robots and the pose."""
 
     class Answering:
@@ -43,20 +43,22 @@ def contestant(answer: Answer, rate_hz: int = 100, path: str = "hold") -> Contes
             return answer(state, ids, np.tile(self.pose, (len(ids), 1)))
 
     Answering.rate_hz, Answering.path = rate_hz, path  # type: ignore[attr-defined]
-    return Contestant("answering", Answering, "0" * 64)
+    return ControllerAgent("answering", Answering, "0" * 64)
 
 
 def stand(state: State, ids: np.ndarray, pose: np.ndarray) -> Command:
     return Command(pose)
 
 
-def driven(entrant: Contestant, robot: Robot, num_steps: int = 1, **start: float) -> tuple[ControllerLoop, list[Ticks]]:
+def driven(
+    entrant: ControllerAgent, robot: Robot, num_steps: int = 1, **start: float
+) -> tuple[ControllerLoop, list[StepRecord]]:
     """A loop of one robot after some policy steps, and their ticks."""
     loop, ids = ControllerLoop(entrant, robot, 1, 1), np.array([0])
     loop.reset(ids, robot.pose("bent")[None], **start)
     loop.begin(ids)
     steps = [loop.drive(ids) for _ in range(num_steps)]
-    return loop, [Ticks(robot, loop.simulation.layout, ticks.record.copy()) for ticks in steps]
+    return loop, [StepRecord(robot, loop.engine.layout, ticks.record.copy()) for ticks in steps]
 
 
 def short(trial: Trial, horizon: float = 1.5) -> Trial:
@@ -92,7 +94,7 @@ def test_targets_are_clipped_to_the_joint_ranges_and_feed_forward_is_not(robot: 
     beyond = contestant(lambda state, ids, pose: Command(np.full_like(pose, 10.0), np.full_like(pose, 50.0)))
     loop, _ = driven(beyond, robot, height=1.0)
     expected = robot.joint_upper + 50.0 / robot.stiffness
-    np.testing.assert_allclose(loop.simulation.joint_targets[0, -1], expected)
+    np.testing.assert_allclose(loop.engine.joint_targets[0, -1], expected)
 
 
 def test_targets_are_held_or_go_along_a_line_between_control_steps(robot: Robot) -> None:
@@ -101,7 +103,7 @@ def test_targets_are_held_or_go_along_a_line_between_control_steps(robot: Robot)
         loop, _ = driven(moved, robot, height=1.0)
         bent = np.clip(robot.pose("bent") + 0.1, robot.joint_lower, robot.joint_upper) - robot.pose("bent")
         # 50 Hz are 10 ticks; the first control step begins at the pose.
-        found = loop.simulation.joint_targets[0, :10] - robot.pose("bent")
+        found = loop.engine.joint_targets[0, :10] - robot.pose("bent")
         np.testing.assert_allclose(found, np.outer(np.array(expected) / 0.1, bent), atol=1e-12)
 
 
@@ -127,9 +129,9 @@ def test_the_state_is_the_robots_in_its_heading_frame(robot: Robot) -> None:
     state, ticks = seen[-1], steps[-1]
     # 100 Hz: the last call saw the tick before its own, the fifteenth.
     np.testing.assert_array_equal(state.joint_position[0], ticks.joint_position[0, 14])
-    com, pelvis = ticks.com_position[0, 14], ticks["pelvis_position"][0, 14]
+    com, root = ticks.com_position[0, 14], ticks["root_position"][0, 14]
     # Turned by 90 degrees: the robot's forward is the world's y, its left the world's -x.
-    away = com - pelvis
+    away = com - root
     np.testing.assert_allclose(state.com_position[0], [away[1], -away[0], away[2]], atol=5e-4)
     assert state.com_height[0] == pytest.approx(float(ticks.com_height[0, 14]))
     # Standing still: the capture point is under the CoM, and the feet bear the weight.
@@ -190,7 +192,7 @@ def test_latency_holds_targets_back_by_its_ticks(robot: Robot) -> None:
     loop.drive(ids)
     loop.drive(ids)
     knee = robot.joint_names.index("left_knee_pitch")
-    late = loop.simulation.joint_targets[0, :, knee] - robot.pose("bent")[knee]
+    late = loop.engine.joint_targets[0, :, knee] - robot.pose("bent")[knee]
     # 12 ms are six ticks, although a control step has only five.
     np.testing.assert_allclose(late, [0.0] * 6 + [0.05] * 14, atol=1e-12)
 
@@ -198,7 +200,7 @@ def test_latency_holds_targets_back_by_its_ticks(robot: Robot) -> None:
 # One that fails.
 
 
-def broken(how: str) -> Contestant:
+def broken(how: str) -> ControllerAgent:
     def answer(state: State, ids: np.ndarray, pose: np.ndarray) -> Command:
         sick = (ids == 1) & (state.time > 0.5)
         if how == "raised" and sick.any():
@@ -236,7 +238,7 @@ def test_a_wrong_shape_fails_all_the_trials_of_the_call() -> None:
 
 
 def test_a_controller_that_never_answers_is_broken_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("surefoot.controllers.loop.PATIENCE_S", 0.005)  # 0.1 s a call
+    monkeypatch.setattr("surefoot.agents.controllers.loop.PATIENCE_S", 0.005)  # 0.1 s a call
 
     def hang(state: State, ids: np.ndarray, pose: np.ndarray) -> Command:
         while True:
@@ -255,7 +257,7 @@ def test_a_controller_that_fails_in_the_air_leaves_the_joints_where_they_were(ro
     loop, _ = driven(contestant(once), robot, 2, height=1.0)
     assert loop.failed == {0: "raised"}
     expected = np.clip(robot.pose("bent") + 0.05, robot.joint_lower, robot.joint_upper)
-    np.testing.assert_allclose(loop.simulation.joint_targets[0, -1], expected)
+    np.testing.assert_allclose(loop.engine.joint_targets[0, -1], expected)
 
 
 # Names.
@@ -273,7 +275,7 @@ def test_a_controller_that_fails_in_the_air_leaves_the_joints_where_they_were(ro
 )
 def test_an_unknown_controller_is_refused(name: str, message: str) -> None:
     with pytest.raises(UserError) as error:
-        load_entrant(name)
+        load_agent(name)
     assert str(error.value).startswith(message)
 
 
@@ -291,7 +293,7 @@ def test_a_file_that_holds_no_controller_is_refused(tmp_path: Path, code: str, m
     file = tmp_path / "mine.py"
     file.write_text(code)
     with pytest.raises(UserError) as error:
-        load_entrant(f"{file}:Mine")
+        load_agent(f"{file}:Mine")
     assert str(error.value) == message.format(file)
 
 
@@ -312,8 +314,8 @@ def test_the_example_holds_pushes_that_the_pose_alone_does_not() -> None:
     lines = [line for line in file.read_text().splitlines() if line.strip()]
     assert len(lines) < 50
     trials = [pushed(60.0, seed, whole=False) for seed in range(4)]
-    mine = run_list(load_entrant(f"{file}:CapturePoint"), trials, num_slots=4, num_threads=1)
-    pose = run_list(load_entrant("controllers/stand"), trials, num_slots=4, num_threads=1)
+    mine = run_list(load_agent(f"{file}:CapturePoint"), trials, num_slots=4, num_threads=1)
+    pose = run_list(load_agent("controllers/stand"), trials, num_slots=4, num_threads=1)
     assert all(outcome.recovered for outcome in mine.values())
     assert not all(outcome.recovered for outcome in pose.values())
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from conftest import NUM_BODIES, write_wrench
 
-from surefoot.disturbance import PUSH_DURATION, Push, Pushes
-from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_DT, TICKS_PER_STEP, Simulation
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.pushes import PUSH_DURATION, Push, Pushes
+from surefoot.rates import CONTROL_DT, TICKS_PER_STEP
+from surefoot.robots.robot import Robot
 
 
 def written(pushes: Pushes, num_steps: int, num_robots: int = 1) -> np.ndarray:
@@ -19,22 +20,22 @@ def written(pushes: Pushes, num_steps: int, num_robots: int = 1) -> np.ndarray:
     return np.concatenate(steps, axis=1)
 
 
-def one_push(robot: Robot, start: int, duration: float = PUSH_DURATION, body: str = "pelvis") -> Pushes:
+def one_push(robot: Robot, start: int, duration: float = PUSH_DURATION, body: str = "root") -> Pushes:
     pushes = Pushes(robot, 1)
     impulse = np.array([[12.0, -24.0, 6.0]])
     pushes.schedule(np.array([0]), np.array([robot.body_id(body)]), impulse, np.array([start]), duration)
     return pushes
 
 
-def test_the_papers_push_lasts_120_ms_on_the_pelvis() -> None:
-    assert Push() == Push("pelvis", (1.0, 0.0, 0.0), 0.0, 0.0, 0.12)
+def test_the_papers_push_lasts_120_ms_on_the_root() -> None:
+    assert Push() == Push("root", (1.0, 0.0, 0.0), 0.0, 0.0, 0.12)
 
 
 @pytest.mark.parametrize("start", [0, 7, 19, 20, 53])
 def test_the_force_acts_at_60_ticks_from_the_first_however_it_lies_in_the_policy_steps(
     robot: Robot, start: int
 ) -> None:
-    force = written(one_push(robot, start), 8)[0, :, robot.body_id("pelvis"), :3]
+    force = written(one_push(robot, start), 8)[0, :, robot.body_id("root"), :3]
     # 0.12 s / 2 ms = 60 ticks of (12, -24, 6) Ns / 0.12 s = (100, -200, 50) N
     expected = np.zeros((160, 3))
     expected[start : start + 60] = [100.0, -200.0, 50.0]
@@ -45,7 +46,7 @@ def test_the_force_acts_at_60_ticks_from_the_first_however_it_lies_in_the_policy
 @pytest.mark.parametrize(("duration", "num_ticks"), [(0.12, 60), (0.025, 12), (0.04, 20), (0.001, 1), (0.0, 1)])
 def test_the_impulse_is_exact_whatever_the_duration(robot: Robot, duration: float, num_ticks: int) -> None:
     wrench = written(one_push(robot, 11, duration), 6)
-    force = wrench[0, :, robot.body_id("pelvis"), :3]
+    force = wrench[0, :, robot.body_id("root"), :3]
     assert np.count_nonzero(force.any(axis=1)) == num_ticks
     np.testing.assert_allclose(force.sum(axis=0) * CONTROL_DT, [12.0, -24.0, 6.0], rtol=1e-12)
 
@@ -76,7 +77,7 @@ def test_a_cancelled_push_stops_at_the_next_step(robot: Robot) -> None:
 
 def test_robots_are_pushed_each_at_its_own_body_time_and_clock(robot: Robot) -> None:
     pushes = Pushes(robot, 3)
-    bodies = np.array([robot.body_id("pelvis"), robot.body_id("torso")])
+    bodies = np.array([robot.body_id("root"), robot.body_id("torso")])
     impulse = np.array([[6.0, 0.0, 0.0], [0.0, 12.0, 0.0]])
     pushes.schedule(np.array([0, 2]), bodies, impulse, np.array([3, 1008]), 0.12)
     wrench = np.zeros((3, TICKS_PER_STEP, NUM_BODIES, 6))
@@ -91,21 +92,21 @@ def test_a_new_push_replaces_one_on_another_body(robot: Robot) -> None:
     pushes = one_push(robot, 0, body="torso")
     wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
     write_wrench(pushes, wrench, np.array([0]))
-    pelvis = robot.body_id("pelvis")
-    pushes.schedule(np.array([0]), np.array([pelvis]), np.array([[0.0, 0.0, 1.2]]), np.array([20]), 0.12)
+    root = robot.body_id("root")
+    pushes.schedule(np.array([0]), np.array([root]), np.array([[0.0, 0.0, 1.2]]), np.array([20]), 0.12)
     write_wrench(pushes, wrench, np.array([20]))
     np.testing.assert_array_equal(wrench[0, :, robot.body_id("torso")], 0.0)
-    np.testing.assert_allclose(wrench[0, :, pelvis, 2], 10.0)
+    np.testing.assert_allclose(wrench[0, :, root, 2], 10.0)
 
 
 def test_a_push_gives_a_flying_robot_its_impulse(robot: Robot) -> None:
-    simulation = Simulation(robot, 1, num_threads=1)
+    engine = MujocoEngine(robot, 1, num_threads=1)
     pose = robot.pose("bent")[None]
-    simulation.reset(np.array([0]), pose, height=5.0)
+    engine.reset(np.array([0]), pose, height=5.0)
     pushes = one_push(robot, 13)
     for step in range(5):
-        write_wrench(pushes, simulation.wrench, np.array([step * TICKS_PER_STEP]))
-        ticks = simulation.step(np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
+        write_wrench(pushes, engine.wrench, np.array([step * TICKS_PER_STEP]))
+        ticks = engine.step(np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
     # 19 ticks after the record's first: 99 steps of gravity; m v = J.
     momentum = 137.2875 * ticks.com_velocity[0, -1]
     np.testing.assert_allclose(momentum, [12.0, -24.0, 6.0 - 1346.33 * 99 * 0.002], atol=0.02)
@@ -127,9 +128,9 @@ def test_a_lever_arm_gives_a_torque_of_arm_times_force(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("body", "lever", "arm"),
     [
-        # Straight, from the pelvis frame up (test_robot.py): the robot's CoM is at -0.0672277, the pelvis' at
+        # Straight, from the root frame up (test_robot.py): the robot's CoM is at -0.0672277, the root's at
         # -0.0544803, the torso's at 0.2336136, the thigh's at -0.454075, the shank's at -0.866577.
-        ("pelvis", 0.0, -0.0672277 + 0.0544803),
+        ("root", 0.0, -0.0672277 + 0.0544803),
         ("torso", 0.32, 0.32 - 0.0672277 - 0.2336136),
         ("left_thigh", -0.50, -0.50 - 0.0672277 + 0.454075),
         ("left_shank", -0.70, -0.70 - 0.0672277 + 0.866577),
@@ -142,21 +143,21 @@ def test_a_lever_counts_from_the_robots_com_an_arm_from_the_bodys(
 
 
 @pytest.mark.parametrize(
-    ("body", "lever"), [("pelvis", 0.0), ("torso", 0.32), ("left_thigh", -0.5), ("left_shank", -0.7)]
+    ("body", "lever"), [("root", 0.0), ("torso", 0.32), ("left_thigh", -0.5), ("left_shank", -0.7)]
 )
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0)])
 def test_a_push_with_a_lever_turns_a_flying_robot_about_its_com(
     robot: Robot, body: str, lever: float, direction: tuple[float, float]
 ) -> None:
-    simulation = Simulation(robot, 1, num_threads=1)
+    engine = MujocoEngine(robot, 1, num_threads=1)
     pose = robot.pose("bent")
-    simulation.reset(np.array([0]), pose[None], height=5.0)
+    engine.reset(np.array([0]), pose[None], height=5.0)
     pushes = Pushes(robot, 1)
     impulse = 10.0 * np.array([[*direction, 0.0]])
     arm = robot.lever_arm(pose, body, lever)
     pushes.schedule(np.array([0]), np.array([robot.body_id(body)]), impulse, np.array([5]), CONTROL_DT, arm)
-    write_wrench(pushes, simulation.wrench, np.array([0]))
-    momentum = simulation.step(np.tile(pose, (1, TICKS_PER_STEP, 1))).angular_momentum[0]
+    write_wrench(pushes, engine.wrench, np.array([0]))
+    momentum = engine.step(np.tile(pose, (1, TICKS_PER_STEP, 1))).angular_momentum[0]
     # (0, 0, lever) x J, at once; what the joints do about it afterwards changes nothing. About z it is the body's
     # place in the horizontal plane that counts.
     expected = 10.0 * lever * np.array([-direction[1], direction[0]])
@@ -180,7 +181,7 @@ def both_written(robot: Robot, bodies: tuple[str, str], starts: tuple[int, int],
     return np.concatenate(steps)
 
 
-@pytest.mark.parametrize("bodies", [("pelvis", "pelvis"), ("pelvis", "torso"), ("torso", "pelvis")])
+@pytest.mark.parametrize("bodies", [("root", "root"), ("root", "torso"), ("torso", "root")])
 @pytest.mark.parametrize("starts", [(0, 0), (5, 31), (40, 3)])
 def test_overlapping_pushes_add_up(robot: Robot, bodies: tuple[str, str], starts: tuple[int, int]) -> None:
     expected = np.zeros((120, NUM_BODIES, 6))

@@ -7,17 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot import figures, tables
-from surefoot.bench import run_bench
-from surefoot.cli import main
-from surefoot.controllers import shipped_controllers
-from surefoot.curve import read_curve
-from surefoot.evaluation import DIRECTIONS, push_lines
+from surefoot.agents.controllers import shipped_controllers
+from surefoot.agents.load import load_policy, shipped_policies
+from surefoot.cli.bench import run_bench
+from surefoot.cli.main import main
+from surefoot.cli.watching import DIRECTIONS
+from surefoot.evaluation.evaluate import push_lines
+from surefoot.evaluation.results import read_thresholds
+from surefoot.evaluation.scenarios import PAPER
 from surefoot.learning.ablations import LEFT_OUT, ablation_table
-from surefoot.policy import load_policy, shipped_policies
-from surefoot.results import read_thresholds
-from surefoot.robot import load_robot
-from surefoot.scenarios import PAPER
+from surefoot.learning.curve import read_curve
+from surefoot.report import metrics as figures
+from surefoot.report import tables
+from surefoot.robots.robot import load_robot
 
 ROOT = Path(__file__).parent.parent
 THRESHOLDS = ROOT / "results" / "thresholds.csv"
@@ -56,7 +58,7 @@ def test_every_shipped_controller_has_its_thresholds() -> None:
 
 def test_those_that_step_hold_more_than_those_that_stand() -> None:
     found = read_thresholds(ROOT / "results" / "controllers.csv")
-    worst = {name: [tables.pelvis_pushes(rows)[d].size for d in DIRECTIONS] for name, rows in found.items()}
+    worst = {name: [tables.root_pushes(rows)[d].size for d in DIRECTIONS] for name, rows in found.items()}
     stepping = [worst.pop(f"controllers/{name}") for name in ("stephens2010", "urata2011")]
     for sizes in stepping:
         assert all(size > max(others) for size, others in zip(sizes, zip(*worst.values(), strict=True), strict=True))
@@ -74,7 +76,7 @@ def test_every_shipped_policy_has_its_thresholds_and_its_curve() -> None:
 
 def test_a_shipped_policy_holds_the_papers_bound_in_all_four_directions() -> None:
     """53 Ns forward and backward and 78 Ns to the sides, equation (6): 54 and 78 on the grid of 6 Ns."""
-    found = [tables.pelvis_pushes(thresholds) for thresholds in read_thresholds(THRESHOLDS).values()]
+    found = [tables.root_pushes(thresholds) for thresholds in read_thresholds(THRESHOLDS).values()]
     best = max(found, key=lambda pushes: min(t.size for t in pushes.values()))
     assert min(best[d].size for d in ("forward", "backward")) >= 54.0
     assert min(best[d].size for d in ("left", "right")) >= 78.0
@@ -97,11 +99,11 @@ def test_every_figure_for_machines_is_documented() -> None:
     assert all(np.isfinite(figure) and figure > 0.0 for figure in found.values())
     thresholds = [t for t in read_thresholds(THRESHOLDS)["nominal-bent"] if t.line.name in DIRECTIONS]
     robot = load_robot()
-    found |= figures.flat_figures(thresholds, {}, (1.0, 1.0), robot, robot.pose("bent"), 1.0)
+    found |= figures.flat_metrics(thresholds, {}, (1.0, 1.0), robot, robot.pose("bent"), 1.0)
     searched = "|".join(scenario.name for scenario in PAPER if scenario.search)
     for key in found:
-        as_pelvis = re.sub(rf"^({searched})\.", "pelvis_push.", key)  # every searched scenario has its keys
-        general = re.sub(r"pelvis_push\.(forward|left|backward|right)\.", "pelvis_push.DIRECTION.", as_pelvis)
+        as_root = re.sub(rf"^({searched})\.", "root_push.", key)  # every searched scenario has its keys
+        general = re.sub(r"root_push\.(forward|left|backward|right)\.", "root_push.DIRECTION.", as_root)
         assert any(_is_named(name, documented) for name in (key, general)), key
 
 

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from surefoot.disturbance import DisturbanceConfig
-from surefoot.env import EnvConfig, PushRecoveryVectorEnv
 from surefoot.errors import UserError
+from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
+from surefoot.task.random_pushes import DisturbanceConfig
 
 NO_PUSH = DisturbanceConfig(impulse=(0.0, 0.0))
 KICK = DisturbanceConfig(impulse=(400.0, 400.0), first=(0.1, 0.1))
-PITCH, JOINTS = 29, slice(0, 11)  # pelvis_attitude.pitch and joint_position of the observation
+PITCH, JOINTS = 29, slice(0, 11)  # root_attitude.pitch and joint_position of the observation
 
 
 def make_env(num_envs: int, num_threads: int = 1, **config: object) -> PushRecoveryVectorEnv:
@@ -105,7 +105,7 @@ def test_robots_start_within_the_noise_around_the_pose_and_each_elsewhere() -> N
 def test_a_share_of_the_episodes_starts_by_a_drop() -> None:
     env = make_env(200, drop_height=(0.2, 0.5), drop_share=0.3, joint_noise=0.0)
     env.reset(seed=0)
-    soles = env.loop.simulation.read(np.arange(200)).sole_position[:, 0, :, 2].min(axis=1)
+    soles = env.loop.engine.read(np.arange(200)).sole_position[:, 0, :, 2].min(axis=1)
     dropped = soles > 0.1
     assert np.mean(dropped) == pytest.approx(0.3, abs=4 * np.sqrt(0.3 * 0.7 / 200))
     assert (soles[dropped].min(), soles[dropped].max()) == (pytest.approx(0.2, abs=0.02), pytest.approx(0.5, abs=0.02))
@@ -115,9 +115,9 @@ def test_a_share_of_the_episodes_starts_by_a_drop() -> None:
 def test_dropped_robots_lean_by_up_to_the_angle_and_the_others_stand_upright() -> None:
     env = make_env(200, drop_height=(0.2, 0.5), drop_share=0.5, drop_lean=0.3, joint_noise=0.0)
     env.reset(seed=0)
-    start = env.loop.simulation.read(np.arange(200))
+    start = env.loop.engine.read(np.arange(200))
     dropped = start.sole_position[:, 0, :, 2].min(axis=1) > 0.1
-    lean = np.arccos(start["pelvis_up"][:, 0, 2])
+    lean = np.arccos(start["root_up"][:, 0, 2])
     np.testing.assert_allclose(lean[~dropped], 0.0, atol=1e-6)
     # Uniform from 0 to 0.3: mean 0.15, deviation 0.3 / sqrt(12) = 0.087 each.
     assert lean[dropped].mean() == pytest.approx(0.15, abs=4 * 0.087 / np.sqrt(dropped.sum()))

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from surefoot import scenarios
-from surefoot.scenarios import PAPER, ROBUSTNESS, Scenario, suite
+from surefoot.evaluation import scenarios
+from surefoot.evaluation.scenario_file import suite
+from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, Scenario
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "scenarios.toml"
@@ -21,7 +22,7 @@ def test_the_example_is_read_as_it_says() -> None:
     angles = [math.degrees(line.angle) for line in found["diagonal_push"].lines()]
     assert angles == pytest.approx([45.0, 135.0, 225.0, 315.0])
     assert (found["shoulder_height"].body, found["shoulder_height"].lever) == ("torso", 0.45)
-    assert found["icy_slope"].world.slope == pytest.approx(math.radians(4.0))
+    assert found["icy_slope"].domain.slope == pytest.approx(math.radians(4.0))
     assert [line.name for line in found["icy_slope"].lines()] == ["backward"]
     starts = [found["one_two"].lines()[0].trial(10, seed, whole=True).push.start for seed in range(20)]
     assert all(0.5 <= start <= 1.0 for start in starts)

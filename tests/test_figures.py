@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from conftest import an_outcome
 
-from surefoot.climb import Threshold
-from surefoot.figures import flat_figures, share_kept
-from surefoot.judge import Outcome
-from surefoot.robot import Robot
-from surefoot.scenarios import PAPER, Scenario
-from surefoot.tables import by_scenario
-from surefoot.trials import Trial
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.scenarios import PAPER, Scenario
+from surefoot.evaluation.threshold_search import Threshold
+from surefoot.evaluation.trials import Trial
+from surefoot.report.metrics import flat_metrics, share_kept
+from surefoot.report.tables import by_scenario
+from surefoot.robots.robot import Robot
 
 BY_NAME = {scenario.name: scenario for scenario in PAPER}
 FELL = an_outcome(
@@ -32,22 +32,22 @@ def fixed(name: str, *outcomes: Outcome) -> dict[str, dict[Trial, Outcome]]:
 
 
 def figures_of(robot: Robot, thresholds: list[Threshold], outcomes: dict | None = None) -> dict[str, float]:
-    return flat_figures(thresholds, outcomes or {}, (0.98765, 0.5), robot, robot.pose("bent"), 12.345)
+    return flat_metrics(thresholds, outcomes or {}, (0.98765, 0.5), robot, robot.pose("bent"), 12.345)
 
 
 def test_a_searched_scenario_has_its_directions_and_its_extremes(robot: Robot) -> None:
-    figures = figures_of(robot, found("pelvis_push", 120.0, 84.0, 96.0, 90.0))
-    assert {key: value for key, value in figures.items() if key.startswith("pelvis_push.left")} == {
-        "pelvis_push.left": 84.0, "pelvis_push.left.trials": 40, "pelvis_push.left.recovered": 39,
-        "pelvis_push.left.share_low": 0.8712, "pelvis_push.left.share_high": 0.9946,
+    figures = figures_of(robot, found("root_push", 120.0, 84.0, 96.0, 90.0))
+    assert {key: value for key, value in figures.items() if key.startswith("root_push.left")} == {
+        "root_push.left": 84.0, "root_push.left.trials": 40, "root_push.left.recovered": 39,
+        "root_push.left.share_low": 0.8712, "root_push.left.share_high": 0.9946,
     }  # fmt: skip
-    assert (figures["pelvis_push.worst"], figures["pelvis_push.best"], figures["pelvis_push.directions"]) == (
+    assert (figures["root_push.worst"], figures["root_push.best"], figures["root_push.directions"]) == (
         84,
         120,
         4,
     )
-    assert figures["pelvis_push.worst_Ns_per_kg"] == pytest.approx(84 / 137.287494, abs=5e-5)
-    assert figures["pelvis_push.best_Ns_per_kg"] == pytest.approx(120 / 137.287494, abs=5e-5)
+    assert figures["root_push.worst_Ns_per_kg"] == pytest.approx(84 / 137.287494, abs=5e-5)
+    assert figures["root_push.best_Ns_per_kg"] == pytest.approx(120 / 137.287494, abs=5e-5)
 
 
 def test_every_evaluation_has_its_audit_its_bounds_and_its_time(robot: Robot) -> None:
@@ -63,13 +63,13 @@ def test_every_evaluation_has_its_audit_its_bounds_and_its_time(robot: Robot) ->
 
 def test_the_papers_other_tests_have_figures_of_their_own(robot: Robot) -> None:
     thresholds = [
-        *found("pelvis_push", 120.0, 84.0, 96.0, 90.0), *found("pelvis_push_no_step", 72.0, 66.0, 54.0, 78.0),
+        *found("root_push", 120.0, 84.0, 96.0, 90.0), *found("root_push_no_step", 72.0, 66.0, 54.0, 78.0),
         *found("landing_height", 0.55), *found("landing_tilt", 5.0, 3.0, 4.0, 6.0),
         *found("combined", 60.0, 48.0, 54.0, 72.0), *found("noise_both", 60.0, 84.0, 48.0, 120.0),
         *found("noise_action", 120.0, 84.0, 96.0, 0.0),
     ]  # fmt: skip
     figures = figures_of(robot, thresholds)
-    assert (figures["pelvis_push_no_step.sagittal"], figures["pelvis_push_no_step.lateral"]) == (54.0, 66.0)
+    assert (figures["root_push_no_step.sagittal"], figures["root_push_no_step.lateral"]) == (54.0, 66.0)
     assert (figures["landing.height_m"], figures["landing.angle_deg"]) == (0.55, 3.0)
     assert figures["combined.horizontal_Ns"] == 48.0
     # (60/120 + 84/84 + 48/96 + min(1, 120/90)) / 4 = 0.75, and (1 + 1 + 1 + 0) / 4
@@ -80,14 +80,14 @@ def test_the_papers_other_tests_have_figures_of_their_own(robot: Robot) -> None:
 
 
 def test_the_share_kept_by_hand() -> None:
-    clean = by_scenario(found("pelvis_push", 100.0, 50.0, 0.0, 80.0))["pelvis_push"]
+    clean = by_scenario(found("root_push", 100.0, 50.0, 0.0, 80.0))["root_push"]
     noisy = by_scenario(found("noise_both", 50.0, 60.0, 30.0, 20.0))["noise_both"]
     # 0.5, 1 (not more than all of it), 0 (of nothing nothing is kept), 0.25
     assert share_kept(clean, noisy) == pytest.approx(1.75 / 4)
     # Sixteen directions undisturbed, four with noise: those four are compared.
     sixteen = {
         line.name: Threshold(line, 60.0, 40, 40, 0.9, 1.0, "share")
-        for line in Scenario("pelvis_push", directions=16).lines()
+        for line in Scenario("root_push", directions=16).lines()
     }
     assert share_kept(sixteen, noisy) == pytest.approx((50 / 60 + 1.0 + 0.5 + 20 / 60) / 4)
 
@@ -119,9 +119,9 @@ def test_quiet_after_a_push_is_that_of_the_recovered_and_says_how_many_they_are(
 def test_scenarios_of_a_users_own_directions_have_their_own_keys_only(robot: Robot) -> None:
     thresholds = [
         Threshold(line, 60.0, 40, 40, 0.9, 1.0, "share")
-        for name, angle in (("pelvis_push", 0.0), ("pelvis_push_no_step", 45.0), ("noise_both", 45.0))
+        for name, angle in (("root_push", 0.0), ("root_push_no_step", 45.0), ("noise_both", 45.0))
         for line in Scenario(name, directions=(angle,)).lines()
     ]
     figures = figures_of(robot, thresholds)
-    assert figures["pelvis_push_no_step.45"] == 60.0
-    assert not {"pelvis_push_no_step.sagittal", "noise.share_kept"} & set(figures)
+    assert figures["root_push_no_step.45"] == 60.0
+    assert not {"root_push_no_step.sagittal", "noise.share_kept"} & set(figures)

@@ -9,13 +9,14 @@ import torch
 from conftest import tiny
 
 import surefoot.learning.train as train_module
-from surefoot.env import EnvConfig
+from surefoot.agents.load import load_policy
+from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.networks import actor_layers
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.train import Trainer, train
-from surefoot.policy import NetworkPolicy, load_policy
+from surefoot.task.environment import EnvConfig
 
 ALGORITHMS = ("trpo", "ppo", "ddpg")
 
@@ -34,7 +35,7 @@ def fine_tuning(config: TrainConfig, file: Path, folder: Path, **changes) -> Tra
     return Trainer(config, RunFolder.create(folder, config), after=load_policy(file))
 
 
-def acts(policy: NetworkPolicy) -> np.ndarray:
+def acts(policy: NetworkAgent) -> np.ndarray:
     observations = np.random.default_rng(0).normal(scale=0.3, size=(50, 47))
     return policy(observations, np.arange(50))
 
@@ -45,7 +46,7 @@ def test_a_run_after_a_policy_begins_with_its_actions_and_its_record(
     config, file = learned
     policy = load_policy(file)
     trainer = fine_tuning(config, file, tmp_path / "run")
-    begun = NetworkPolicy(trainer.policy_bytes(), "begun")
+    begun = NetworkAgent(trainer.policy_bytes(), "begun")
     np.testing.assert_allclose(acts(begun), acts(policy), atol=1e-5)
     assert trainer.progress.steps == 0
     record, before = begun.contract.training, policy.contract.training
@@ -65,7 +66,7 @@ def test_the_critic_learns_first_and_the_actor_after_it(
     value = _critic_weight(trainer)
     trainer.run()
     trainer.advance()
-    held = NetworkPolicy(trainer.policy_bytes(), "held")
+    held = NetworkAgent(trainer.policy_bytes(), "held")
     np.testing.assert_allclose(acts(held), acts(load_policy(file)), atol=1e-5)
     assert not torch.equal(_critic_weight(trainer), value)
     if config.algorithm != "ddpg":
@@ -73,7 +74,7 @@ def test_the_critic_learns_first_and_the_actor_after_it(
     more = dataclasses.replace(config, steps=1024)
     resumed = Trainer(more, RunFolder(tmp_path / "run"), resume=True)
     resumed.run()
-    freed = NetworkPolicy(resumed.policy_bytes(), "freed")
+    freed = NetworkAgent(resumed.policy_bytes(), "freed")
     assert np.abs(acts(freed) - acts(held)).max() > 1e-4
 
 

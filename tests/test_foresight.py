@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from surefoot import foresight
-from surefoot.disturbance import PUSH_DURATION, Pushes
-from surefoot.foresight import LEVER_UNIT, Foresight
-from surefoot.robot import Robot
+from surefoot.physics.pushes import PUSH_DURATION, Pushes
+from surefoot.robots.robot import Robot
+from surefoot.task import privileged as foresight
+from surefoot.task.privileged import LEVER_UNIT, Foresight
 
 NAMES = list(foresight.SIGNS)[:9]
 
@@ -30,7 +30,7 @@ def told(robot: Robot, body: str, force: tuple, tick: int, heading: complex = 1.
     [(400, 0.0, 0.0), (750, 0.5, 0.25), (1000, 1.0, 0.5), (1030, 1.0, 0.25), (1060, 0.0, 0.0)],
 )
 def test_a_push_is_told_from_a_second_before_it_to_its_end(robot: Robot, tick: int, near: float, left: float) -> None:
-    push = told(robot, "pelvis", (0.0, 100.0, 0.0), tick)
+    push = told(robot, "root", (0.0, 100.0, 0.0), tick)
     assert [push[name] for name in ("near", "impulse", "impulse_x", "impulse_y")] == pytest.approx(
         [near, left, 0, left]
     )
@@ -38,7 +38,7 @@ def test_a_push_is_told_from_a_second_before_it_to_its_end(robot: Robot, tick: i
 
 
 def test_a_push_is_told_in_the_robots_heading(robot: Robot) -> None:
-    push = told(robot, "pelvis", (0.0, 100.0, 0.0), 1000, heading=1j)  # it faces left: the push comes along its x
+    push = told(robot, "root", (0.0, 100.0, 0.0), 1000, heading=1j)  # it faces left: the push comes along its x
     assert (push["impulse_x"], push["impulse_y"]) == pytest.approx((0.5, 0.0))
 
 
@@ -55,7 +55,7 @@ def test_the_pushed_body_is_told_by_its_height_and_its_side(robot: Robot) -> Non
 
 def test_a_push_upwards_is_told_too(robot: Robot) -> None:
     # At its start, 0.2 s before the other: 400 / 200; the other one is 0.8 near.
-    push = told(robot, "pelvis", (100.0, 0.0, 0.0), 900, lift=400.0)
+    push = told(robot, "root", (100.0, 0.0, 0.0), 900, lift=400.0)
     assert push["lift"] == pytest.approx(2.0)
     assert push["near"] == pytest.approx(0.8)
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 
-from surefoot.goals import GOALS, goals_of, goals_table
+from surefoot.report.targets import TARGETS, targets_of, targets_table
 
-FIGURES = {"pelvis_push.directions": 4, "pelvis_push.sagittal": 306.0, "pelvis_push.lateral": 240.0}
+FIGURES = {"root_push.directions": 4, "root_push.sagittal": 306.0, "root_push.lateral": 240.0}
 
 
 def reached(algorithm: str, **figures: float) -> dict[str, str]:
-    table = goals_table("mine", algorithm, FIGURES | {key.replace("__", "."): v for key, v in figures.items()})
+    table = targets_table("mine", algorithm, FIGURES | {key.replace("__", "."): v for key, v in figures.items()})
     return {row[0]: row[-1] for row in table.rows}
 
 
 def test_an_algorithm_is_held_to_the_papers_row_for_it() -> None:
-    rows = {goal.words: goal for goal in goals_of("ppo")}
+    rows = {goal.words: goal for goal in targets_of("ppo")}
     assert (rows["sagittal, worse of two"].paper, rows["lateral, worse side"].paper) == (192.0, 36.0)
     assert reached("ppo") == {"sagittal, worse of two": "yes", "lateral, worse side": "yes"}
     # DDPG is to reach 300 Ns on both.
@@ -23,8 +23,8 @@ def test_an_algorithm_is_held_to_the_papers_row_for_it() -> None:
 
 
 def test_what_was_not_tested_is_left_out() -> None:
-    assert "any direction, worst of 16" not in reached("trpo", pelvis_push__worst=330.0)
-    assert reached("trpo", pelvis_push__worst=330.0, pelvis_push__directions=16)["any direction, worst of 16"] == "yes"
+    assert "any direction, worst of 16" not in reached("trpo", root_push__worst=330.0)
+    assert reached("trpo", root_push__worst=330.0, root_push__directions=16)["any direction, worst of 16"] == "yes"
 
 
 def test_limits_from_above_are_not_to_be_exceeded_and_a_fall_misses_them() -> None:
@@ -35,5 +35,5 @@ def test_limits_from_above_are_not_to_be_exceeded_and_a_fall_misses_them() -> No
 
 
 def test_our_goals_are_beyond_the_papers_figures() -> None:
-    for goal in (*GOALS, *goals_of("trpo"), *goals_of("ppo"), *goals_of("ddpg")):
+    for goal in (*TARGETS, *targets_of("trpo"), *targets_of("ppo"), *targets_of("ddpg")):
         assert goal.at_most or goal.paper is None or goal.goal > goal.paper

@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from conftest import MovingPolicy, an_outcome, lean, pushed, run_one, squat
 
-from surefoot.disturbance import Drop
-from surefoot.judge import Judge, Outcome, joint_groups
-from surefoot.policy import NominalPolicy
-from surefoot.robot import Robot, World
-from surefoot.simulation import TICKS_PER_STEP
-from surefoot.ticks import Ticks
-from surefoot.trials import run_list
+from surefoot.agents.nominal import NominalAgent
+from surefoot.evaluation.outcome import Outcome, joint_groups
+from surefoot.evaluation.trial_monitor import TrialMonitor
+from surefoot.evaluation.trials import run_list
+from surefoot.physics.domain import DomainParameters
+from surefoot.physics.pushes import Drop
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import TICKS_PER_STEP
+from surefoot.robots.robot import Robot
 
 FORWARD, LEFT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 GROUPS = ("torso_pitch", "hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll")
@@ -25,7 +27,7 @@ GROUPS = ("torso_pitch", "hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "
 
 
 def test_the_nominal_pose_recovers_from_nothing() -> None:
-    outcome = run_list(NominalPolicy(pose="straight"), [pushed(0.0, 3)], num_slots=1, num_threads=1)[pushed(0.0, 3)]
+    outcome = run_list(NominalAgent(pose="straight"), [pushed(0.0, 3)], num_slots=1, num_threads=1)[pushed(0.0, 3)]
     assert (outcome.recovered, outcome.reason) == (True, "recovered")
     assert outcome.com_speed < 0.01
     assert outcome.foot_shift < 0.03
@@ -37,7 +39,7 @@ def test_the_nominal_pose_recovers_from_nothing() -> None:
 @pytest.mark.parametrize("direction", [FORWARD, LEFT, (-1.0, 0.0, 0.0)])
 def test_the_nominal_pose_falls_from_400_newton_seconds(direction: tuple) -> None:
     trial = pushed(400.0, 0, direction)
-    outcome, trace = run_one(NominalPolicy(pose="straight"), trial, "non_foot_contact", "com_height")
+    outcome, trace = run_one(NominalAgent(pose="straight"), trial, "non_foot_contact", "com_height")
     assert (outcome.recovered, outcome.reason, outcome.without_step) == (False, "fell", False)
     # 400 Ns / 137 kg = 2.9 m/s over a height of 1.1 m: down within about a second, and judged at once.
     assert 0.3 < outcome.seconds < 1.2
@@ -68,7 +70,7 @@ def test_a_policy_that_ends_up_leaning_is_tilted(robot: Robot) -> None:
     assert (upright.recovered, upright.reason) == (True, "recovered")
 
 
-class NanPolicy(NominalPolicy):
+class NanPolicy(NominalAgent):
     """Gives NaN to the robot in one slot, or to all."""
 
     def __init__(self, robot: Robot, slot: int | None):
@@ -85,7 +87,7 @@ class NanPolicy(NominalPolicy):
 def test_a_policy_that_gives_nan_to_one_robot_diverges_there_and_nowhere_else(robot: Robot) -> None:
     trials = [pushed(200.0, seed) for seed in range(3)]
     broken = run_list(NanPolicy(robot, slot=1), trials, num_slots=3, num_threads=1)
-    whole = run_list(NominalPolicy(robot, "straight"), trials, num_slots=3, num_threads=1)
+    whole = run_list(NominalAgent(robot, "straight"), trials, num_slots=3, num_threads=1)
     assert (broken[trials[1]].recovered, broken[trials[1]].reason) == (False, "diverged")
     for trial in (trials[0], trials[2]):
         assert repr(broken[trial]) == repr(whole[trial])
@@ -106,7 +108,7 @@ def test_every_trial_in_a_slot_that_diverges_again_is_diverged(robot: Robot) -> 
 def test_the_numbers_of_a_whole_trial_are_those_of_its_ticks(robot: Robot) -> None:
     trial = pushed(40.0, 11)
     outcome, trace = run_one(
-        NominalPolicy(robot, "bent"), trial, "com_velocity", "sole_position", "joint_torque", "joint_velocity"
+        NominalAgent(robot, "bent"), trial, "com_velocity", "sole_position", "joint_torque", "joint_velocity"
     )
     assert outcome.reason == "recovered"
     num_ticks = len(trace["com_velocity"])
@@ -136,7 +138,7 @@ def test_a_foot_that_moves_more_than_3_cm_has_stepped(robot: Robot) -> None:
         return {"left_hip_pitch": -0.4 * up, "left_knee_pitch": 0.6 * up, "left_ankle_pitch": -0.2 * up}
 
     trial = pushed(0.0, 5, whole=False)
-    standing, _ = run_one(NominalPolicy(robot, "straight"), trial)
+    standing, _ = run_one(NominalAgent(robot, "straight"), trial)
     stepping, trace = run_one(MovingPolicy(robot, march, "straight"), trial, "foot_contact")
     assert standing.foot_shift < 0.03
     assert standing.without_step
@@ -159,7 +161,7 @@ def test_without_step_is_a_recovery_with_both_feet_in_place(
 @pytest.mark.parametrize("horizon", [2.0, 3.5])
 def test_a_trial_is_judged_at_its_own_horizon(robot: Robot, horizon: float) -> None:
     trial = replace(pushed(12.0, 11), horizon=horizon, calm_from=1.0)
-    outcome, trace = run_one(NominalPolicy(robot), trial, "com_velocity")
+    outcome, trace = run_one(NominalAgent(robot), trial, "com_velocity")
     rng = np.random.default_rng(trial.seed)
     rng.uniform(-0.02, 0.02, robot.num_joints)
     end = 500 + int(rng.integers(20)) + round(horizon * 500)
@@ -175,11 +177,11 @@ def test_a_trial_is_judged_at_its_own_horizon(robot: Robot, horizon: float) -> N
 class Watched:
     """A robot at rest in a trial of 2 s that begins at its reset, of which the last second is the calm time."""
 
-    def __init__(self, robot: Robot, standing: Ticks, altered: Callable[..., Ticks], **changes: float):
+    def __init__(self, robot: Robot, standing: StepRecord, altered: Callable[..., StepRecord], **changes: float):
         self.standing, self.altered = standing, altered
         self.still = {f"{joint}_{what}": 0.0 for joint in robot.joint_names for what in ("velocity", "torque")}
-        self.still |= {"com_velocity": 0.0, "pelvis_up": (0.0, 0.0, 1.0)}
-        self.judge, self.tick = Judge(robot, 1), 0
+        self.still |= {"com_velocity": 0.0, "root_up": (0.0, 0.0, 1.0)}
+        self.judge, self.tick = TrialMonitor(robot, 1), 0
         values = {"start": 0, "push_end": 60, "horizon": 2.0, "calm_from": 1.0, "whole": True} | changes
         first = altered(standing, **self.still)
         self.judge.reset(np.array([0]), first, **{name: np.array([value]) for name, value in values.items()})
@@ -193,7 +195,7 @@ class Watched:
 
 
 @pytest.fixture
-def watched(robot: Robot, standing: Ticks, altered: Callable[..., Ticks]) -> Watched:
+def watched(robot: Robot, standing: StepRecord, altered: Callable[..., StepRecord]) -> Watched:
     return Watched(robot, standing, altered)
 
 
@@ -256,23 +258,25 @@ def test_saturation_is_the_time_of_the_joint_that_was_longest_at_its_limit(watch
     assert outcome.saturated_s == pytest.approx(tuple(expected.get(group, 0.0) for group in GROUPS), abs=1e-12)
 
 
-def test_the_tilt_counts_from_the_disturbance_on(robot: Robot, standing: Ticks, altered: Callable[..., Ticks]) -> None:
+def test_the_tilt_counts_from_the_disturbance_on(
+    robot: Robot, standing: StepRecord, altered: Callable[..., StepRecord]
+) -> None:
     def tilted(angle: float) -> dict[str, object]:
-        return {"pelvis_up": (-np.sin(angle), 0.0, np.cos(angle))}
+        return {"root_up": (-np.sin(angle), 0.0, np.cos(angle))}
 
     watched = Watched(robot, standing, altered, start=100, push_end=160)
     watched.goes_on(5, **tilted(0.6))
     watched.goes_on(3, **tilted(0.2))
     watched.goes_on(3, **tilted(-0.25))
     outcome = watched.goes_on(44)
-    assert outcome.pelvis_tilt == pytest.approx(0.25, abs=1e-9)
+    assert outcome.root_tilt == pytest.approx(0.25, abs=1e-9)
     assert outcome.seconds == 2.0
 
 
-def test_a_reset_forgets_the_last_trial(robot: Robot, standing: Ticks, altered: Callable[..., Ticks]) -> None:
+def test_a_reset_forgets_the_last_trial(robot: Robot, standing: StepRecord, altered: Callable[..., StepRecord]) -> None:
     watched = Watched(robot, standing, altered)
     busy = {"left_knee_pitch_torque": 350.0, "left_knee_pitch_velocity": 2.0, "com_velocity": 1.0}
-    spoilt = watched.goes_on(50, **busy, com_position=(9.0, 9.0, 1.0), pelvis_up=(0.0, 0.0, -1.0))
+    spoilt = watched.goes_on(50, **busy, com_position=(9.0, 9.0, 1.0), root_up=(0.0, 0.0, -1.0))
     fresh = Watched(robot, standing, altered)
     fresh.judge = watched.judge
     first = altered(standing, **fresh.still)
@@ -288,7 +292,7 @@ def test_a_reset_forgets_the_last_trial(robot: Robot, standing: Ticks, altered: 
 
 def test_the_nominal_pose_stands_calmly(robot: Robot) -> None:
     trial = replace(pushed(0.0, 3), horizon=8.0, calm_from=6.0)
-    outcome, _ = run_one(NominalPolicy(robot, "bent"), trial)
+    outcome, _ = run_one(NominalAgent(robot, "bent"), trial)
     assert outcome.recovered
     assert outcome.calm_drift < 0.002
     assert outcome.calm_power < 0.5
@@ -302,13 +306,13 @@ def test_the_nominal_pose_stands_calmly(robot: Robot) -> None:
 def test_the_calm_time_is_what_its_ticks_say(robot: Robot) -> None:
     trial = replace(pushed(24.0, 11, LEFT), horizon=4.0, calm_from=1.0)
     outcome, trace = run_one(
-        NominalPolicy(robot),
+        NominalAgent(robot),
         trial,
         "com_position",
         "joint_power",
         "joint_torque",
         "joint_velocity",
-        "pelvis_uprightness",
+        "root_uprightness",
     )
     rng = np.random.default_rng(trial.seed)
     rng.uniform(-0.02, 0.02, robot.num_joints)
@@ -324,15 +328,15 @@ def test_the_calm_time_is_what_its_ticks_say(robot: Robot) -> None:
     torque, speed = np.abs(trace["joint_torque"]).max(axis=0), np.abs(trace["joint_velocity"]).max(axis=0)
     assert outcome.torque_peaks == tuple(torque[group].max() for group in columns)
     assert outcome.speed_peaks == tuple(speed[group].max() for group in columns)
-    assert outcome.pelvis_tilt == pytest.approx(np.arccos(trace["pelvis_uprightness"][start:].min()), abs=1e-9)
+    assert outcome.root_tilt == pytest.approx(np.arccos(trace["root_uprightness"][start:].min()), abs=1e-9)
 
 
 def test_a_joint_is_saturated_while_its_motor_gives_all_it_has(robot: Robot) -> None:
     """Landing from 0.5 m takes the knees to their limit; motors of 80 % have a limit of 80 %."""
     for strength in (1.0, 0.8):
-        world = World(motor_strength=strength)
-        trial = replace(pushed(0.0, 1), drop=Drop(0.5), horizon=2.0, calm_from=1.0, world=world)
-        outcome = run_list(NominalPolicy(robot), [trial], num_slots=1, num_threads=1, world=world)[trial]
+        domain = DomainParameters(motor_strength=strength)
+        trial = replace(pushed(0.0, 1), drop=Drop(0.5), horizon=2.0, calm_from=1.0, domain=domain)
+        outcome = run_list(NominalAgent(robot), [trial], num_slots=1, num_threads=1, domain=domain)[trial]
         knee = GROUPS.index("knee_pitch")
         assert outcome.torque_peaks[knee] == pytest.approx(350.0 * strength)
         assert outcome.torque_ratio == pytest.approx(1.0)

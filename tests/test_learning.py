@@ -10,9 +10,10 @@ from conftest import tiny
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import VecMonitor
 
-from surefoot import observation
-from surefoot.disturbance import DisturbanceConfig
-from surefoot.env import EnvConfig, PushRecoveryVectorEnv
+from surefoot.agents.contract import Contract
+from surefoot.agents.network import NetworkAgent
+from surefoot.agents.nominal import NominalAgent
+from surefoot.agents.policy_file import network_bytes
 from surefoot.learning.config import TrainConfig, preset
 from surefoot.learning.ddpg import ExplorationNoise
 from surefoot.learning.models import limit_exploration, make_model
@@ -20,8 +21,10 @@ from surefoot.learning.networks import actor_layers
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
 from surefoot.learning.train import Trainer, train
-from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, network_bytes
-from surefoot.single import PushRecoveryEnv
+from surefoot.task import observation
+from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
+from surefoot.task.gymnasium_env import PushRecoveryEnv
+from surefoot.task.random_pushes import DisturbanceConfig
 
 ALGORITHMS = ("trpo", "ppo", "ddpg")
 
@@ -62,8 +65,8 @@ def test_a_short_run_beats_holding_the_nominal_pose(algorithm: str, tmp_path: Pa
         steps=STEPS[algorithm],
     )
     train(config, tmp_path / "run")
-    learned = NetworkPolicy((tmp_path / "run" / "last.onnx").read_bytes(), "last")
-    standing = NominalPolicy(pose=config.env.pose, action_scale=config.env.action_scale)
+    learned = NetworkAgent((tmp_path / "run" / "last.onnx").read_bytes(), "last")
+    standing = NominalAgent(pose=config.env.pose, action_scale=config.env.action_scale)
     assert mean_return(learned, config.env) > 1.1 * mean_return(standing, config.env)
 
 
@@ -81,7 +84,7 @@ def test_the_policy_file_acts_as_the_network_that_was_trained(algorithm: str) ->
     # Whatever a critic is told of the next push, the policy does not know.
     foreseen = np.random.default_rng(1).standard_normal((16, model.observation_space.shape[0] - 47))
     expected, _ = model.predict(np.concatenate([inputs, foreseen], axis=1, dtype=np.float32), deterministic=True)
-    actual = np.clip(NetworkPolicy(data, "test")(raw, np.arange(16)), -1.0, 1.0)
+    actual = np.clip(NetworkAgent(data, "test")(raw, np.arange(16)), -1.0, 1.0)
     np.testing.assert_allclose(actual, expected, atol=2e-5)
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from conftest import posed
 
-from surefoot.robot import Robot, joint_group, load_robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.rates import TICKS_PER_STEP
+from surefoot.robots.robot import Robot, joint_group, load_robot
 
 JOINTS = load_robot().joint_names
 
@@ -63,14 +64,14 @@ def test_a_small_error_gives_the_impedance_law_of_the_paper(robot: Robot) -> Non
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_far_target_gives_exactly_the_torque_limit_and_never_more(robot: Robot, sign: float) -> None:
-    simulation = Simulation(robot, robot.num_joints, num_threads=1)
-    simulation.reset(np.arange(robot.num_joints), np.zeros((robot.num_joints, robot.num_joints)), height=5.0)
+    engine = MujocoEngine(robot, robot.num_joints, num_threads=1)
+    engine.reset(np.arange(robot.num_joints), np.zeros((robot.num_joints, robot.num_joints)), height=5.0)
     targets = np.zeros((robot.num_joints, TICKS_PER_STEP, robot.num_joints))
     for joint in range(robot.num_joints):
         targets[joint, :, joint] = sign * 100.0
     largest = np.zeros(robot.num_joints)
     for step in range(5):
-        ticks = simulation.step(targets)
+        ticks = engine.step(targets)
         if step == 0:
             first = np.diagonal(ticks.joint_torque[:, 0])
             np.testing.assert_array_equal(first, sign * robot.torque_limit)

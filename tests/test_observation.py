@@ -4,23 +4,24 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from surefoot import observation
-from surefoot.control import ControlLoop
-from surefoot.robot import Robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation
-from surefoot.ticks import Ticks
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import TICKS_PER_STEP
+from surefoot.robots.robot import Robot
+from surefoot.task import observation
+from surefoot.task.control_loop import ControlLoop
 
 LEG = ("hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll")
 JOINTS = ["torso_pitch", *(f"left_{name}" for name in LEG), *(f"right_{name}" for name in LEG)]
-# The list of section IV-C, in its order: joint angle and velocity, pelvis velocities and orientation, CoM velocity and
+# The list of section IV-C, in its order: joint angle and velocity, root velocities and orientation, CoM velocity and
 # position, ground contact force, torso position, foot positions.
 COMPONENTS = [
     *(f"joint_position.{joint}" for joint in JOINTS),
     *(f"joint_velocity.{joint}" for joint in JOINTS),
-    *(f"pelvis_velocity.{axis}" for axis in "xyz"),
-    *(f"pelvis_angular_velocity.{axis}" for axis in "xyz"),
-    "pelvis_attitude.roll",
-    "pelvis_attitude.pitch",
+    *(f"root_velocity.{axis}" for axis in "xyz"),
+    *(f"root_angular_velocity.{axis}" for axis in "xyz"),
+    "root_attitude.roll",
+    "root_attitude.pitch",
     *(f"com_velocity.{axis}" for axis in "xyz"),
     *(f"com_position.{axis}" for axis in "xyz"),
     "foot_force.left",
@@ -36,12 +37,12 @@ def part(vector: np.ndarray, name: str) -> np.ndarray:
     return vector[..., [i for i, component in enumerate(COMPONENTS) if component.startswith(f"{name}.")]]
 
 
-def in_the_air(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> Ticks:
+def in_the_air(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> StepRecord:
     """One tick of robots in any state (n, 18), (n, 17) of MuJoCo's order."""
-    simulation = Simulation(robot, len(qpos), num_threads=1)
-    simulation.state[0][:], simulation.state[1][:] = qpos, qvel
-    simulation.batch.forward()
-    return simulation.read(np.arange(len(qpos)))
+    engine = MujocoEngine(robot, len(qpos), num_threads=1)
+    engine.state[0][:], engine.state[1][:] = qpos, qvel
+    engine.batch.forward()
+    return engine.read(np.arange(len(qpos)))
 
 
 def random_state(robot: Robot, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -68,15 +69,15 @@ def test_every_quantity_of_a_known_state_stands_in_its_place(robot: Robot) -> No
     # A share of the speed limit: torso 9, hip roll and pitch 6.11, knee and ankles 11 rad/s.
     limits = np.array([9.0, *[6.11, 6.11, 11.0, 11.0, 11.0] * 2])
     np.testing.assert_allclose(part(vector, "joint_velocity"), np.linspace(-1.0, 1.0, 11) / limits, rtol=1e-12)
-    np.testing.assert_allclose(part(vector, "pelvis_velocity"), [0.3, -0.2, 0.1], atol=1e-15)
-    np.testing.assert_allclose(part(vector, "pelvis_angular_velocity"), 0.0, atol=1e-15)
-    np.testing.assert_allclose(part(vector, "pelvis_attitude"), 0.0, atol=1e-15)
+    np.testing.assert_allclose(part(vector, "root_velocity"), [0.3, -0.2, 0.1], atol=1e-15)
+    np.testing.assert_allclose(part(vector, "root_angular_velocity"), 0.0, atol=1e-15)
+    np.testing.assert_allclose(part(vector, "root_attitude"), 0.0, atol=1e-15)
     np.testing.assert_array_equal(part(vector, "foot_force"), 0.0)
     np.testing.assert_allclose(part(vector, "com_velocity"), ticks.com_velocity[0, 0], atol=1e-15)
-    pelvis = np.array([3.0, -2.0, 5.0])
-    np.testing.assert_allclose(part(vector, "com_position"), ticks.com_position[0, 0] - pelvis, atol=1e-14)
-    np.testing.assert_allclose(part(vector, "left_foot_position"), ticks.sole_position[0, 0, 0] - pelvis, atol=1e-14)
-    np.testing.assert_allclose(part(vector, "right_foot_position"), ticks.sole_position[0, 0, 1] - pelvis, atol=1e-14)
+    root = np.array([3.0, -2.0, 5.0])
+    np.testing.assert_allclose(part(vector, "com_position"), ticks.com_position[0, 0] - root, atol=1e-14)
+    np.testing.assert_allclose(part(vector, "left_foot_position"), ticks.sole_position[0, 0, 0] - root, atol=1e-14)
+    np.testing.assert_allclose(part(vector, "right_foot_position"), ticks.sole_position[0, 0, 1] - root, atol=1e-14)
 
 
 def test_positions_of_the_straight_robot_are_those_of_the_urdf(robot: Robot) -> None:
@@ -94,29 +95,29 @@ def test_positions_of_the_straight_robot_are_those_of_the_urdf(robot: Robot) -> 
     np.testing.assert_allclose(part(vector, "com_position"), [-0.01263, -0.00047, -0.06723], atol=1e-3)
 
 
-def test_the_pelvis_turns_about_the_heading_frames_axes(robot: Robot) -> None:
+def test_the_root_turns_about_the_heading_frames_axes(robot: Robot) -> None:
     # Yawed by 90 degrees, the world's +y is forward. MuJoCo's angular velocity is in the body frame.
     half = np.sqrt(0.5)
     qpos = np.concatenate([[0, 0, 5, half, 0, 0, half], np.zeros(11)])
     qvel = np.concatenate([[0.0, 2.0, 0.5], [0.1, 0.2, 0.3], np.zeros(11)])
     vector = observation.observe(in_the_air(robot, qpos[None], qvel[None]))[0, 0]
-    np.testing.assert_allclose(part(vector, "pelvis_velocity"), [2.0, 0.0, 0.5], atol=1e-15)
-    np.testing.assert_allclose(part(vector, "pelvis_angular_velocity"), [0.1, 0.2, 0.3], atol=1e-15)
+    np.testing.assert_allclose(part(vector, "root_velocity"), [2.0, 0.0, 0.5], atol=1e-15)
+    np.testing.assert_allclose(part(vector, "root_angular_velocity"), [0.1, 0.2, 0.3], atol=1e-15)
 
 
-def test_a_pitched_pelvis_is_seen_as_pitch_and_the_heading_frame_stays_level(robot: Robot) -> None:
+def test_a_pitched_root_is_seen_as_pitch_and_the_heading_frame_stays_level(robot: Robot) -> None:
     qpos = np.concatenate([[0, 0, 5], [np.cos(0.1), 0, np.sin(0.1), 0], np.zeros(11)])
     qvel = np.concatenate([[1.0, 0, 0], np.zeros(14)])
     vector = observation.observe(in_the_air(robot, qpos[None], qvel[None]))[0, 0]
-    np.testing.assert_allclose(part(vector, "pelvis_attitude"), [0.0, 0.2], atol=1e-15)
-    np.testing.assert_allclose(part(vector, "pelvis_velocity"), [1.0, 0.0, 0.0], atol=1e-15)
-    # The foot turns about the pelvis with it: x cos + z sin, -x sin + z cos.
+    np.testing.assert_allclose(part(vector, "root_attitude"), [0.0, 0.2], atol=1e-15)
+    np.testing.assert_allclose(part(vector, "root_velocity"), [1.0, 0.0, 0.0], atol=1e-15)
+    # The foot turns about the root with it: x cos + z sin, -x sin + z cos.
     x, z = 0.034874125, -1.171429
     expected = [x * np.cos(0.2) + z * np.sin(0.2), 0.1377046, z * np.cos(0.2) - x * np.sin(0.2)]
     np.testing.assert_allclose(part(vector, "left_foot_position"), expected, atol=1e-9)
 
 
-def test_foot_forces_are_in_units_of_800_n(standing: Ticks) -> None:
+def test_foot_forces_are_in_units_of_800_n(standing: StepRecord) -> None:
     forces = part(observation.observe(standing), "foot_force")
     np.testing.assert_allclose(forces * 800.0, standing.foot_force, rtol=1e-12)
     # Half of 1346.33 N each: 0.8415
@@ -157,7 +158,7 @@ def test_a_pushed_motion_looks_the_same_from_every_heading(robot: Robot) -> None
 
 def mirrored_state(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The state seen in a mirror in the x-z plane."""
-    source, sign = observation.mirror_joints(robot)
+    source, sign = (robot.mirror_source, robot.mirror_sign)
     position, (w, x, y, z) = qpos[:3] * [1, -1, 1], qpos[3:7]
     velocity, turning = qvel[:3] * [1, -1, 1], qvel[3:6] * [-1, 1, -1]
     other = np.concatenate([position, [w, -x, y, -z], sign * qpos[7:][source]])
@@ -183,8 +184,8 @@ def test_mirrored_actions_and_pushes_lead_to_mirrored_observations(robot: Robot)
     loop = ControlLoop(robot, 2, robot.pose("bent"), 1.0, num_threads=1)
     loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=1e-3)
     push = np.array([[10.0, 25.0, 0.0], [10.0, -25.0, 0.0]])
-    loop.pushes.schedule(np.arange(2), np.full(2, robot.body_id("pelvis")), push, np.full(2, 100), 0.12)
-    joints, joint_sign = observation.mirror_joints(robot)
+    loop.pushes.schedule(np.arange(2), np.full(2, robot.body_id("root")), push, np.full(2, 100), 0.12)
+    joints, joint_sign = (robot.mirror_source, robot.mirror_sign)
     action = np.random.default_rng(1).uniform(-0.04, 0.04, robot.num_joints)
     for _ in range(12):
         loop.step(np.stack([action, joint_sign * action[joints]]))
@@ -199,7 +200,7 @@ def test_mirrored_actions_and_pushes_lead_to_mirrored_observations(robot: Robot)
 
 
 def test_mirroring_twice_changes_nothing(robot: Robot) -> None:
-    for source, sign in (observation.mirror(robot), observation.mirror_joints(robot)):
+    for source, sign in (observation.mirror(robot), (robot.mirror_source, robot.mirror_sign)):
         vector = np.random.default_rng(0).normal(size=len(source))
         np.testing.assert_array_equal(sign * (sign * vector[source])[source], vector)
 
@@ -210,10 +211,10 @@ def test_the_mirror_exchanges_sides_and_turns_what_points_sideways(robot: Robot)
     assert mirror["joint_position.left_hip_roll"] == ("joint_position.right_hip_roll", -1.0)
     assert mirror["joint_velocity.right_knee_pitch"] == ("joint_velocity.left_knee_pitch", 1.0)
     assert mirror["joint_position.torso_pitch"] == ("joint_position.torso_pitch", 1.0)
-    assert mirror["pelvis_velocity.y"] == ("pelvis_velocity.y", -1.0)
-    assert [mirror[f"pelvis_angular_velocity.{axis}"][1] for axis in "xyz"] == [-1.0, 1.0, -1.0]
-    assert mirror["pelvis_attitude.roll"] == ("pelvis_attitude.roll", -1.0)
-    assert mirror["pelvis_attitude.pitch"] == ("pelvis_attitude.pitch", 1.0)
+    assert mirror["root_velocity.y"] == ("root_velocity.y", -1.0)
+    assert [mirror[f"root_angular_velocity.{axis}"][1] for axis in "xyz"] == [-1.0, 1.0, -1.0]
+    assert mirror["root_attitude.roll"] == ("root_attitude.roll", -1.0)
+    assert mirror["root_attitude.pitch"] == ("root_attitude.pitch", 1.0)
     assert mirror["foot_force.left"] == ("foot_force.right", 1.0)
     assert mirror["left_foot_position.y"] == ("right_foot_position.y", -1.0)
 
@@ -227,11 +228,11 @@ def test_scales_are_those_of_the_table_and_positive(robot: Robot) -> None:
 
 
 def test_every_tick_and_robot_is_observed_alike(robot: Robot) -> None:
-    simulation = Simulation(robot, 3, num_threads=1)
-    simulation.reset(np.arange(3), np.tile(robot.pose("bent"), (3, 1)), yaw=np.array([0.0, 1.0, 2.0]))
+    engine = MujocoEngine(robot, 3, num_threads=1)
+    engine.reset(np.arange(3), np.tile(robot.pose("bent"), (3, 1)), yaw=np.array([0.0, 1.0, 2.0]))
     targets = np.random.default_rng(0).uniform(-0.2, 0.2, (3, TICKS_PER_STEP, robot.num_joints))
-    ticks = simulation.step(targets)
+    ticks = engine.step(targets)
     together = observation.observe(ticks)
     for robot_index, tick in ((0, 0), (1, 13), (2, 19)):
-        one = Ticks(robot, simulation.layout, ticks.record[robot_index : robot_index + 1, tick : tick + 1])
+        one = StepRecord(robot, engine.layout, ticks.record[robot_index : robot_index + 1, tick : tick + 1])
         np.testing.assert_array_equal(observation.observe(one)[0, 0], together[robot_index, tick])

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from surefoot.agents.load import load_policy
+from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
-from surefoot.policy import NominalPolicy, load_policy
 from surefoot.viewer import browser
 from surefoot.viewer.page import Page, check_port
 from surefoot.viewer.session import Session
@@ -94,8 +95,8 @@ def press(tab, name: str) -> None:
     tab.get_by_role("button", name=name, exact=True).dispatch_event("click")
 
 
-def pelvis(page: Page) -> np.ndarray:
-    return page.player.session.ticks["pelvis_position"][0, -1].copy()
+def root(page: Page) -> np.ndarray:
+    return page.player.session.ticks["root_position"][0, -1].copy()
 
 
 def scene(tab, path: Path) -> np.ndarray:
@@ -122,11 +123,11 @@ def test_the_page_needs_no_network_and_draws_the_robot(tab, page, tmp_path):
 
 
 def test_a_push_by_button_moves_the_robot_and_its_label(tab, page):
-    before = pelvis(page)
+    before = root(page)
     recovered = page.player.session.verdicts.recovered
     press(tab, "Push")
     assert until(lambda: says(tab, "Recovering"))
-    assert until(lambda: np.abs(pelvis(page) - before)[0] > 0.1)
+    assert until(lambda: np.abs(root(page) - before)[0] > 0.1)
     assert until(lambda: says(tab, "Recovered"))
     assert any(says(tab, strategy) for strategy in ("ankle", "hip", "foot tilt", "step"))
     assert page.player.session.verdicts.recovered == recovered + 1
@@ -138,7 +139,7 @@ def test_an_arrow_key_pushes_and_does_not_turn_the_camera(tab, page):
     tab.keyboard.press("ArrowRight", delay=300)
     assert until(lambda: page.player.session.verdicts.state[0] == State.RECOVERING)
     # The camera stands in front of the robot and to its left: the right of the screen is the robot's left.
-    assert until(lambda: pelvis(page)[1] > 0.03)
+    assert until(lambda: root(page)[1] > 0.03)
     time.sleep(0.5)
     assert client.camera.position == pytest.approx(position, abs=1e-3)
 
@@ -172,7 +173,7 @@ def test_a_fallen_robot_can_be_reset(tab, page):
     assert until(lambda: says(tab, "Fell"))
     press(tab, "Reset")
     assert until(lambda: says(tab, "Standing"))
-    assert until(lambda: pelvis(page)[2] > 0.9)
+    assert until(lambda: root(page)[2] > 0.9)
     page.player.do(lambda session: setattr(session, "stands_up", True))
     page.controls.set_impulse(90)
 
@@ -199,12 +200,12 @@ def test_a_file_that_is_no_policy_is_named_and_the_page_stays_up(tab, page, tmp_
     assert until(lambda: page.player.session.num_steps > steps + 10)
 
 
-class NotFinite(NominalPolicy):
+class NotFinite(NominalAgent):
     def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
         return np.full((len(observations), 11), np.nan)
 
 
-class Broken(NominalPolicy):
+class Broken(NominalAgent):
     def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
         raise RuntimeError("a wheel came off")
 

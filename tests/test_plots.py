@@ -12,9 +12,9 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from surefoot import plots
 from surefoot.errors import UserError
-from surefoot.plots import BarRow, bars_beside_paper, color_of, learning_curves, polar_map
+from surefoot.report import plots
+from surefoot.report.plots import BarRow, bars_beside_paper, color_of, learning_curves, polar_map
 
 FORWARD, LEFT, BACKWARD, RIGHT = 0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi
 BOUND = [(FORWARD, 20.0), (LEFT, 20.0), (BACKWARD, 20.0), (RIGHT, 20.0)]

@@ -11,10 +11,14 @@ import numpy as np
 import onnx
 import pytest
 
-from surefoot import observation
+from surefoot.agents.contract import Contract
+from surefoot.agents.load import load_policy, shipped_policies
+from surefoot.agents.network import NetworkAgent
+from surefoot.agents.nominal import NominalAgent
+from surefoot.agents.policy_file import network_bytes
 from surefoot.errors import UserError
-from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, load_policy, network_bytes, shipped_policies
-from surefoot.robot import Robot
+from surefoot.robots.robot import Robot
+from surefoot.task import observation
 
 SIZES = (47, 10, 7, 11)
 
@@ -60,7 +64,7 @@ def with_contract(contract: Contract, **changes: object) -> bytes:
 
 def refusal(data: bytes) -> str:
     with pytest.raises(UserError) as error:
-        NetworkPolicy(data, "mine")
+        NetworkAgent(data, "mine")
     assert "\n" not in str(error.value)
     return str(error.value)
 
@@ -71,7 +75,7 @@ def refusal(data: bytes) -> str:
 @pytest.mark.parametrize("squash", [True, False])
 def test_a_policy_file_computes_what_its_layers_do(contract: Contract, squash: bool) -> None:
     layers, mean, std = random_network(1)
-    policy = NetworkPolicy(network_bytes(layers, mean, std, squash, contract), "mine")
+    policy = NetworkAgent(network_bytes(layers, mean, std, squash, contract), "mine")
     observations = np.random.default_rng(2).normal(size=(20, 47))
     expected = forward(layers, mean, std, squash, observations)
     actions = policy(observations, np.arange(20))
@@ -84,7 +88,7 @@ def test_a_single_layer_is_linear_and_normalised(contract: Contract) -> None:
     weight = np.zeros((11, 47))
     weight[3, 5] = 2.0
     mean, std = np.full(47, 0.5), np.full(47, 4.0)
-    policy = NetworkPolicy(network_bytes([(weight, np.full(11, 0.25))], mean, std, False, contract), "mine")
+    policy = NetworkAgent(network_bytes([(weight, np.full(11, 0.25))], mean, std, False, contract), "mine")
     observations = np.zeros((1, 47))
     observations[0, 5] = 2.5
     # 2 * (2.5 - 0.5) / 4 + 0.25 = 1.25
@@ -94,7 +98,7 @@ def test_a_single_layer_is_linear_and_normalised(contract: Contract) -> None:
 
 
 def test_a_policy_acts_on_each_robot_by_itself(contract: Contract) -> None:
-    policy = NetworkPolicy(policy_file(contract), "mine")
+    policy = NetworkAgent(policy_file(contract), "mine")
     observations = np.random.default_rng(5).normal(size=(9, 47))
     together = policy(observations, np.arange(9))
     one_by_one = np.concatenate([policy(observations[i : i + 1], np.array([i])) for i in range(9)])
@@ -105,8 +109,8 @@ def test_a_policy_acts_on_each_robot_by_itself(contract: Contract) -> None:
 def test_the_same_network_gives_the_same_file_and_another_does_not(contract: Contract) -> None:
     data = policy_file(contract)
     assert data == policy_file(contract)
-    assert NetworkPolicy(data, "mine").digest == hashlib.sha256(data).hexdigest()
-    assert NetworkPolicy(policy_file(contract, seed=9), "mine").digest != hashlib.sha256(data).hexdigest()
+    assert NetworkAgent(data, "mine").digest == hashlib.sha256(data).hexdigest()
+    assert NetworkAgent(policy_file(contract, seed=9), "mine").digest != hashlib.sha256(data).hexdigest()
 
 
 # Contracts.
@@ -114,7 +118,7 @@ def test_the_same_network_gives_the_same_file_and_another_does_not(contract: Con
 
 def test_a_contract_survives_its_file_to_the_last_bit(contract: Contract) -> None:
     assert Contract.from_json(contract.to_json()) == contract
-    assert NetworkPolicy(policy_file(contract), "mine").contract == contract
+    assert NetworkAgent(policy_file(contract), "mine").contract == contract
 
 
 def test_a_contract_says_all_that_is_needed_to_run_a_policy(robot: Robot, contract: Contract) -> None:
@@ -139,13 +143,13 @@ def test_a_contract_for_this_robot_is_honoured(robot: Robot, contract: Contract)
 
 
 def test_the_nominal_policy_asks_for_its_pose_and_nothing_else(robot: Robot) -> None:
-    policy = NominalPolicy(pose="straight")
+    policy = NominalAgent(pose="straight")
     assert policy.name == "nominal-straight"
     assert policy.contract.nominal_pose == (0.0,) * 11
     observations = np.random.default_rng(0).normal(size=(3, 47))
     np.testing.assert_array_equal(policy(observations, np.arange(3)), np.zeros((3, 11)))
-    assert policy.digest != NominalPolicy(robot, "bent").digest
-    assert policy.digest == NominalPolicy(robot, "straight").digest
+    assert policy.digest != NominalAgent(robot, "bent").digest
+    assert policy.digest == NominalAgent(robot, "straight").digest
 
 
 # Files.

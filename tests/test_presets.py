@@ -2,9 +2,9 @@
 
 import pytest
 
-from surefoot.env import EnvConfig
 from surefoot.errors import UserError
 from surefoot.learning.config import HALF_LIFE_GAMMA, PRESETS, TrainConfig, preset
+from surefoot.task.environment import EnvConfig
 
 
 def test_the_paper_preset_has_the_papers_hyperparameters() -> None:

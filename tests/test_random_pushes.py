@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from conftest import NUM_BODIES, write_wrench
 
-from surefoot.disturbance import PUSH_DURATION, DisturbanceConfig, Pushes, RandomPushes
 from surefoot.errors import UserError
-from surefoot.robot import Robot
-from surefoot.simulation import TICKS_PER_STEP
+from surefoot.physics.pushes import PUSH_DURATION, Pushes
+from surefoot.rates import TICKS_PER_STEP
+from surefoot.robots.robot import Robot
+from surefoot.task.random_pushes import DisturbanceConfig, RandomPushes
 
 
 def random_pushes(robot: Robot, num_robots: int, seed: int = 0, **config: object) -> tuple[RandomPushes, Pushes]:
@@ -173,13 +174,13 @@ def drawn(pushes: Pushes) -> tuple[np.ndarray, np.ndarray]:
 
 def test_pushes_with_a_focus_go_where_robots_sometimes_fall(robot: Robot) -> None:
     n = 2000
-    random, pushes = focused(robot, n, bodies=("torso", "pelvis", "pelvis"), focus=0.5)
-    # All fall where the weight f (1 - f) is 0 too; the pelvis sometimes at 120 to 150 Ns about 45 degrees to a side.
+    random, pushes = focused(robot, n, bodies=("torso", "root", "root"), focus=0.5)
+    # All fall where the weight f (1 - f) is 0 too; the root sometimes at 120 to 150 Ns about 45 degrees to a side.
     random.falls.share[0, 6], random.falls.share[1, 2, 4] = 1.0, 0.3
     random.reset(np.arange(n))
     degrees, impulse = drawn(pushes)
     there = (np.abs(np.abs(degrees) - 45.0) <= 11.25 + 1e-9) & (impulse >= 120.0) & (impulse <= 150.0)
-    there &= pushes.body == robot.body_id("pelvis")
+    there &= pushes.body == robot.body_id("root")
     # And of the others, uniform over two bodies in three, 16 directions and 270 Ns: 2/3 * 2/16 * 30/270 = 0.0093.
     assert there.mean() == pytest.approx(0.5 * (1.0 + 0.0093), abs=4 * 0.5 / np.sqrt(n))
     assert np.mean(degrees[there] > 0.0) == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(n / 2))
@@ -214,10 +215,10 @@ def test_falls_are_counted_with_the_mirror_image_and_forgotten_slowly(robot: Rob
 
 
 def test_pushes_in_the_middle_are_thought_to_fall_half_the_time_at_first_on_one_side_only(robot: Robot) -> None:
-    random, _ = random_pushes(robot, 1, bodies=("pelvis", "left_shank", "right_shank"), focus=0.5)
-    pelvis, shank = random.falls.share
-    assert (pelvis[: BACK + 1] == 0.5).all()
-    assert (pelvis[BACK + 1 :] == 0.0).all()
+    random, _ = random_pushes(robot, 1, bodies=("root", "left_shank", "right_shank"), focus=0.5)
+    root, shank = random.falls.share
+    assert (root[: BACK + 1] == 0.5).all()
+    assert (root[BACK + 1 :] == 0.0).all()
     assert (shank == 0.5).all()
 
 
@@ -320,7 +321,7 @@ def test_a_curriculum_never_leaves_its_range(robot: Robot) -> None:
 def test_the_same_seed_draws_the_same_pushes_and_another_does_not(robot: Robot) -> None:
     draws = []
     for seed in (7, 7, 8):
-        random, pushes = random_pushes(robot, 10, seed, interval=(1.0, 5.0), bodies=("pelvis", "torso"))
+        random, pushes = random_pushes(robot, 10, seed, interval=(1.0, 5.0), bodies=("root", "torso"))
         random.advance(np.full(10, 560))
         draws.append(np.column_stack([pushes.start, pushes.body, pushes.force]))
     np.testing.assert_array_equal(draws[0], draws[1])
@@ -329,6 +330,6 @@ def test_the_same_seed_draws_the_same_pushes_and_another_does_not(robot: Robot) 
 
 def test_an_unknown_body_is_answered_with_the_known_ones(robot: Robot) -> None:
     with pytest.raises(UserError) as error:
-        random_pushes(robot, 1, bodies=("pelvis", "knee"))
-    valid = "pelvis, torso, left_thigh, right_thigh, left_shank, right_shank"
+        random_pushes(robot, 1, bodies=("root", "knee"))
+    valid = "root, torso, left_thigh, right_thigh, left_shank, right_shank"
     assert str(error.value) == f"unknown body 'knee' of valkyrie; valid: {valid}"

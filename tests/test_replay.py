@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot import replay
+from surefoot.agents.load import load_policy, shipped_policies
+from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
-from surefoot.policy import NominalPolicy, load_policy, shipped_policies
-from surefoot.results import Results
-from surefoot.scenarios import NOISE, Scenario
-from surefoot.trials import Trial, run_list
+from surefoot.evaluation import replay
+from surefoot.evaluation.results import Results
+from surefoot.evaluation.scenarios import NOISE, Scenario
+from surefoot.evaluation.trials import Trial, run_list
 
 NETWORK = shipped_policies()[-1]
 """Any will do."""
@@ -118,7 +119,7 @@ def test_another_setup_is_refused(table: Path, tmp_path: Path) -> None:
 
 def test_a_policy_is_found_by_its_digest_and_another_one_is_refused(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    shipped, nominal = load_policy(NETWORK), NominalPolicy(pose="straight")
+    shipped, nominal = load_policy(NETWORK), NominalAgent(pose="straight")
     assert replay.find_policy("it", shipped.digest).digest == shipped.digest
     assert replay.find_policy("it", nominal.digest).name == "nominal-straight"
     with pytest.raises(

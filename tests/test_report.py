@@ -13,26 +13,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot import tables
-from surefoot.climb import Threshold, wilson_interval
+from surefoot.agents.agent import Policy
+from surefoot.agents.contract import Contract
+from surefoot.agents.network import NetworkAgent
+from surefoot.agents.nominal import NominalAgent
+from surefoot.agents.policy_file import network_bytes
 from surefoot.errors import UserError
-from surefoot.judge import Outcome
-from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, Policy, network_bytes
-from surefoot.replay import differences
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.replay import differences
+from surefoot.evaluation.results import Results
+from surefoot.evaluation.scenarios import PAPER, SINGLE, Scenario
+from surefoot.evaluation.threshold_search import Threshold, wilson_interval
+from surefoot.evaluation.trials import run_list
+from surefoot.rates import CONTROL_DT
+from surefoot.report import tables
+from surefoot.report.evaluations import LARGEST, SHANK, read_evaluations
 from surefoot.report.page import Report, make_report
-from surefoot.report.read import LARGEST, SHANK, read_evaluations
 from surefoot.report.traces import Trace, run_traces
-from surefoot.results import Results
-from surefoot.robot import Robot
-from surefoot.scenarios import PAPER, SINGLE, Scenario
-from surefoot.simulation import CONTROL_DT
-from surefoot.trials import run_list
+from surefoot.robots.robot import Robot
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
 )
 CURVE = [{"minutes": m, "steps": 1e5 * m, "recovered": m / 10.0} for m in (1.0, 4.0, 9.0)]
-SIZES = {"pelvis_push": 48.0, "pelvis_push_no_step": 42.0, "shank_push": 60.0, "noise_both": 24.0}
+SIZES = {"root_push": 48.0, "root_push_no_step": 42.0, "shank_push": 60.0, "noise_both": 24.0}
 SEARCHED = [scenario for scenario in PAPER if scenario.name in SIZES]
 FIXED = [dataclasses.replace(scenario, trials=1) for scenario in SINGLE.values()]
 
@@ -43,17 +47,17 @@ def outcomes() -> dict[str, Outcome]:
     trials = {scenario.name: scenario.lines()[0].fixed_trials()[0] for scenario in FIXED}
     for scenario in SEARCHED:
         trials[scenario.name] = scenario.lines()[0].trial(round(SIZES[scenario.name] / 6.0), 0, whole=True)
-    found = run_list(NominalPolicy(), trials.values())
+    found = run_list(NominalAgent(), trials.values())
     return {name: found[trial] for name, trial in trials.items()}
 
 
 @pytest.fixture(scope="module")
-def learned(robot: Robot) -> NetworkPolicy:
+def learned(robot: Robot) -> NetworkAgent:
     """A network that asks for the nominal pose, with a name that would break a careless page."""
     contract = Contract.of(robot, "bent", 0.6, {"algorithm": "trpo", "preset": "fast", "seed": 0, "policy_steps": 2048,
                                                 "minutes": 0.1})  # fmt: skip
     data = network_bytes([(np.zeros((11, 47)), np.zeros(11))], np.zeros(47), np.ones(47), False, contract)
-    return NetworkPolicy(data, "trpo <b>&0")
+    return NetworkAgent(data, "trpo <b>&0")
 
 
 def fill(path: Path, policy: Policy, outcomes: dict[str, Outcome], size_factor: float = 1.0) -> Path:
@@ -68,7 +72,7 @@ def fill(path: Path, policy: Policy, outcomes: dict[str, Outcome], size_factor: 
                 store.put(line.trial(cell, 0, whole=True), outcomes[scenario.name], scenario.name)
                 for sampled in range(1, cell + 4):
                     for seed in range(8):
-                        end = dataclasses.replace(outcomes["pelvis_push"], recovered=sampled <= cell + seed % 3)
+                        end = dataclasses.replace(outcomes["root_push"], recovered=sampled <= cell + seed % 3)
                         store.put(line.trial(sampled, seed, whole=False), end, scenario.name)
                 thresholds.append(Threshold(line, size, 1, 1, *wilson_interval(1, 1), "share"))
         for scenario in FIXED:
@@ -80,11 +84,11 @@ def fill(path: Path, policy: Policy, outcomes: dict[str, Outcome], size_factor: 
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory, outcomes: dict[str, Outcome]) -> Path:
-    return fill(tmp_path_factory.mktemp("results") / "nominal.sqlite", NominalPolicy(), outcomes)
+    return fill(tmp_path_factory.mktemp("results") / "nominal.sqlite", NominalAgent(), outcomes)
 
 
 @pytest.fixture(scope="module")
-def report(table: Path, outcomes: dict[str, Outcome], learned: NetworkPolicy) -> Report:
+def report(table: Path, outcomes: dict[str, Outcome], learned: NetworkAgent) -> Report:
     other = fill(table.with_name("learned.sqlite"), learned, outcomes, size_factor=2.0)
     return make_report([table, other], {"trpo": [CURVE, CURVE], "ppo": [CURVE]})
 
@@ -194,9 +198,7 @@ def test_what_cannot_be_drawn_is_left_out_with_a_note(report: Report) -> None:
 def test_the_drawn_trials_are_the_stored_ones(table: Path) -> None:
     (evaluation,) = read_evaluations([table])
     assert set(evaluation.cases) == {*SINGLE, LARGEST, SHANK}
-    traces = run_traces(
-        NominalPolicy(), {name: evaluation.cases[name].trial for name in ("lateral_78", "sagittal_240")}
-    )
+    traces = run_traces(NominalAgent(), {name: evaluation.cases[name].trial for name in ("lateral_78", "sagittal_240")})
     for name, trace in traces.items():
         assert differences(evaluation.cases[name].outcome, trace.outcome) == []
         assert len(trace.strategies.steps) == trace.outcome.steps
@@ -232,7 +234,7 @@ def test_the_same_evaluation_twice_is_refused(table: Path, tmp_path: Path) -> No
 
 
 def test_results_of_one_fixed_scenario_make_a_page(tmp_path: Path, outcomes: dict[str, Outcome]) -> None:
-    policy, scenario = NominalPolicy(), Scenario("mine", search="", directions=1, trials=1)
+    policy, scenario = NominalAgent(), Scenario("mine", search="", directions=1, trials=1)
     with Results(tmp_path / "r.sqlite") as results:
         store = results.trials_of(policy)
         store.put(scenario.lines()[0].fixed_trials()[0], outcomes["lateral_78"], "mine")

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from surefoot import reproduce
-from surefoot.curve import read_curve
+from surefoot.cli import reproduce
+from surefoot.cli.reproduce import Study
 from surefoot.errors import UserError
+from surefoot.evaluation.scenarios import Scenario
 from surefoot.learning.config import preset
+from surefoot.learning.curve import read_curve
 from surefoot.learning.train import Progress
-from surefoot.reproduce import Study
-from surefoot.scenarios import Scenario
 
 SCENARIOS = (Scenario("quick", search="", directions=2, impulse=12.0, trials=1, horizon=2.0, calm_from=0.0),)
 

@@ -16,19 +16,19 @@ import pyarrow.parquet
 import pytest
 from conftest import an_outcome
 
-from surefoot.climb import Threshold
-from surefoot.control import Imperfections
-from surefoot.disturbance import Drop, Push
+from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
-from surefoot.evaluation import find_thresholds
-from surefoot.policy import NominalPolicy
-from surefoot.results import Results, read_thresholds
-from surefoot.robot import World
-from surefoot.scenarios import PAPER, ROBUSTNESS, Scenario
-from surefoot.trial_json import trial_from_json, trial_to_json
-from surefoot.trials import Trial, run_list
+from surefoot.evaluation.evaluate import find_thresholds
+from surefoot.evaluation.results import Results, read_thresholds
+from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, Scenario
+from surefoot.evaluation.threshold_search import Threshold
+from surefoot.evaluation.trial_json import trial_from_json, trial_to_json
+from surefoot.evaluation.trials import Trial, run_list
+from surefoot.physics.domain import DomainParameters
+from surefoot.physics.pushes import Drop, Push
+from surefoot.task.imperfections import Imperfections
 
-TRIAL = Trial(Push("pelvis", (0.0, -1.0, 0.0), 42.0), seed=3, whole=False)
+TRIAL = Trial(Push("root", (0.0, -1.0, 0.0), 42.0), seed=3, whole=False)
 OUTCOME = an_outcome(
     seconds=3.4, foot_shift=0.0123, com_speed=float("nan"), calm_steps=float("nan"), hip=True, steps=3,
     torque_peaks=(1.0, 2.5, 3.0, 4.0, 5.0, 1 / 3),
@@ -40,7 +40,7 @@ SHORT = Scenario("short", horizon=2.0, calm_from=1.0)
 
 
 def test_an_outcome_comes_back_as_it_was(tmp_path: Path) -> None:
-    path, policy = tmp_path / "r.sqlite", NominalPolicy()
+    path, policy = tmp_path / "r.sqlite", NominalAgent()
     with Results(path) as results:
         results.trials_of(policy).put(TRIAL, OUTCOME)
     with Results(path) as results:
@@ -67,7 +67,7 @@ def test_only_what_is_unusual_is_written() -> None:
         first=Push(impulse=1.0),
         drop=Drop(0.0, roll=0.1),
         imperfections=Imperfections(latency=0.01),
-        world=World(friction=0.5),
+        domain=DomainParameters(friction=0.5),
     )
     assert trial_from_json(trial_to_json(odd)) == odd
 
@@ -75,7 +75,8 @@ def test_only_what_is_unusual_is_written() -> None:
 def test_no_two_trials_share_a_text() -> None:
     changes = (
         {"seed": 1}, {"whole": False}, {"horizon": 9.0}, {"calm_from": 0.0}, {"drop": Drop(0.0)}, {"first": Push()},
-        {"push": Push(lever=0.0)}, {"world": World(slope=0.1)}, {"imperfections": Imperfections(sensor_bias=0.1)},
+        {"push": Push(lever=0.0)}, {"domain": DomainParameters(slope=0.1)},
+        {"imperfections": Imperfections(sensor_bias=0.1)},
     )  # fmt: skip
     texts = {trial_to_json(trial) for trial in (Trial(), *(Trial(**change) for change in changes))}
     assert len(texts) == len(changes) + 1
@@ -83,12 +84,12 @@ def test_no_two_trials_share_a_text() -> None:
 
 def test_another_policys_trials_are_not_its_own(tmp_path: Path) -> None:
     with Results(tmp_path / "r.sqlite") as results:
-        results.trials_of(NominalPolicy(pose="bent")).put(TRIAL, OUTCOME)
-        assert results.trials_of(NominalPolicy(pose="straight")).get(TRIAL) is None
+        results.trials_of(NominalAgent(pose="bent")).put(TRIAL, OUTCOME)
+        assert results.trials_of(NominalAgent(pose="straight")).get(TRIAL) is None
 
 
 def test_a_row_is_enough_to_run_its_trial_again(tmp_path: Path) -> None:
-    policy = NominalPolicy()
+    policy = NominalAgent()
     trial = Trial(Push("torso", (0.0, 1.0, 0.0), 300.0, lever=0.32), seed=7)
     outcome = run_list(policy, [trial], num_slots=1)[trial]
     with Results(tmp_path / "r.sqlite") as results:
@@ -107,7 +108,7 @@ def test_a_row_is_enough_to_run_its_trial_again(tmp_path: Path) -> None:
 
 
 def test_an_evaluation_that_is_done_runs_nothing_when_done_again(tmp_path: Path) -> None:
-    policy, lines = NominalPolicy(pose="straight"), SHORT.lines()[2:3]
+    policy, lines = NominalAgent(pose="straight"), SHORT.lines()[2:3]
     trials_done = []
     for _ in range(2):
         with Results(tmp_path / "r.sqlite") as results:
@@ -129,7 +130,7 @@ def a_threshold(scenario: Scenario, line: int, size: float, trials: int = 40) ->
 
 
 def test_thresholds_of_every_unit_come_back_from_a_file_as_they_were(tmp_path: Path) -> None:
-    policy = NominalPolicy()
+    policy = NominalAgent()
     tilt = Scenario("landing_tilt", search="tilt", drop=0.4, directions=("left", 30.0))
     late = Scenario("late", first_impulse=60.0, gap=(0.3, 2.0), friction=0.5, latency=0.02)
     kept = [a_threshold(tilt, 1, 5.0), a_threshold(tilt, 0, 3.0), a_threshold(late, 3, 0.0, trials=0)]
@@ -144,7 +145,7 @@ def test_thresholds_of_every_unit_come_back_from_a_file_as_they_were(tmp_path: P
 
 
 def test_fixed_outcomes_are_those_of_the_scenarios_that_were_run(tmp_path: Path) -> None:
-    policy = NominalPolicy()
+    policy = NominalAgent()
     quiet, other = (Scenario(name, search="", directions=2, trials=2) for name in ("quiet", "other"))
     other = replace(other, impulse=6.0)
     with Results(tmp_path / "r.sqlite") as results:
@@ -161,13 +162,13 @@ def test_fixed_outcomes_are_those_of_the_scenarios_that_were_run(tmp_path: Path)
 
 
 def test_a_policy_learned_anew_under_the_same_name_is_not_mixed_with_the_old_one(tmp_path: Path) -> None:
-    old, new = NominalPolicy(action_scale=1.0), NominalPolicy(action_scale=0.5)
+    old, new = NominalAgent(action_scale=1.0), NominalAgent(action_scale=0.5)
     assert old.name == new.name
     quiet, standing = (Scenario(name, search="", directions=1, trials=1) for name in ("quiet", "standing"))
     (trial,) = quiet.lines()[0].fixed_trials()
     with Results(tmp_path / "r.sqlite") as results:
         for policy, directions, drift in ((old, 4, 0.1), (new, 2, 0.2)):
-            line = Scenario("pelvis_push", directions=directions)
+            line = Scenario("root_push", directions=directions)
             results.trials_of(policy).put(trial, an_outcome(calm_drift=drift))
             results.add_thresholds(policy, [a_threshold(line, i, 60.0 * directions) for i in range(directions)])
             results.add_scenarios(policy, [quiet, standing] if policy is old else [quiet], 1.0)
@@ -181,12 +182,12 @@ def test_a_policy_learned_anew_under_the_same_name_is_not_mixed_with_the_old_one
 
 
 def test_the_audit_is_the_largest_share_of_all_trials(tmp_path: Path) -> None:
-    policy = NominalPolicy()
+    policy = NominalAgent()
     with Results(tmp_path / "r.sqlite") as results:
         store = results.trials_of(policy)
         store.put(Trial(seed=0), an_outcome(torque_ratio=0.4, speed_ratio=0.9))
         store.put(Trial(seed=1), an_outcome(torque_ratio=0.8, speed_ratio=0.1))
-        results.trials_of(NominalPolicy(pose="straight")).put(Trial(), an_outcome(torque_ratio=1.0, speed_ratio=1.0))
+        results.trials_of(NominalAgent(pose="straight")).put(Trial(), an_outcome(torque_ratio=1.0, speed_ratio=1.0))
         assert results.audit(policy) == (0.8, 0.9)
 
 
@@ -198,7 +199,7 @@ def test_a_killed_evaluation_loses_at_most_the_last_moment_and_goes_on(tmp_path:
     path = tmp_path / "r.sqlite"
     script = (
         "from surefoot.evaluation import *; from surefoot.results import *; from surefoot.policy import *\n"
-        f"policy = NominalPolicy(); results = Results({str(path)!r})\n"
+        f"policy = NominalAgent(); results = Results({str(path)!r})\n"
         "lines = Scenario('short', horizon=2.0, calm_from=1.0).lines()[2:3]\n"
         "find_thresholds(policy, lines, results.trials_of(policy), num_slots=8, num_threads=1)\n"
     )
@@ -212,7 +213,7 @@ def test_a_killed_evaluation_loses_at_most_the_last_moment_and_goes_on(tmp_path:
         process.wait()
     before = _num_trials(path)
     assert before >= 10
-    policy, done = NominalPolicy(), []
+    policy, done = NominalAgent(), []
     with Results(path) as results:
         store = results.trials_of(policy)
         find_thresholds(policy, SHORT.lines()[2:3], store, lambda *_: done.append(1), num_slots=32)
@@ -225,7 +226,7 @@ def test_a_killed_evaluation_loses_at_most_the_last_moment_and_goes_on(tmp_path:
 
 
 def test_tables_are_exported_to_csv_and_parquet(tmp_path: Path) -> None:
-    policy = NominalPolicy()
+    policy = NominalAgent()
     trials = [Trial(Push(impulse=impulse), seed=0, whole=False) for impulse in (0.0, 6.0)]
     outcomes = run_list(policy, trials, num_slots=2)
     with Results(tmp_path / "r.sqlite") as results:
@@ -241,14 +242,14 @@ def test_tables_are_exported_to_csv_and_parquet(tmp_path: Path) -> None:
     with (tmp_path / "t.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert sorted(float(row["impulse_Ns"]) for row in rows) == [0.0, 6.0]
-    assert {(row["scenario"], row["body"], row["angle_deg"]) for row in rows} == {("gentle", "pelvis", "0")}
+    assert {(row["scenario"], row["body"], row["angle_deg"]) for row in rows} == {("gentle", "root", "0")}
     table = pyarrow.parquet.read_table(tmp_path / "t.parquet")
     assert table.column("seconds").to_pylist() == [float(row["seconds"]) for row in rows]
 
 
 def test_a_lift_has_no_angle(tmp_path: Path) -> None:
     with Results(tmp_path / "r.sqlite") as results:
-        results.trials_of(NominalPolicy()).put(Trial(Push(direction=(0.0, 0.0, 1.0), impulse=50.0)), OUTCOME)
+        results.trials_of(NominalAgent()).put(Trial(Push(direction=(0.0, 0.0, 1.0), impulse=50.0)), OUTCOME)
     with sqlite3.connect(tmp_path / "r.sqlite") as db:
         assert db.execute("SELECT angle_deg FROM trials").fetchall() == [(None,)]
 
@@ -280,13 +281,13 @@ def test_a_table_of_another_version_is_refused_and_kept(tmp_path: Path, version:
 def test_a_truncated_table_is_refused_and_kept(tmp_path: Path, share: float) -> None:
     path = tmp_path / "r.sqlite"
     with Results(path) as results:
-        store = results.trials_of(NominalPolicy())
+        store = results.trials_of(NominalAgent())
         for seed in range(200):
             store.put(Trial(seed=seed), OUTCOME)
     content = path.read_bytes()[: int(share * path.stat().st_size)]
     path.write_bytes(content)
     with pytest.raises(UserError, match="as a results table"), Results(path) as results:
-        results.trials_of(NominalPolicy())
+        results.trials_of(NominalAgent())
     assert path.read_bytes() == content
 
 

@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from surefoot import reward
-from surefoot.reward import Prices
-from surefoot.robot import Robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation
-from surefoot.ticks import Ticks
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import TICKS_PER_STEP
+from surefoot.robots.robot import Robot
+from surefoot.task import reward
+from surefoot.task.reward import PenaltyWeights
 
 WEIGHT = 137.287494 * 9.806651  # 1346.33 N
 SUM_OF_WEIGHTS = 14.0  # 2 + 3 + 2 + 1 + 4 * 1 + 2 * 1
@@ -21,7 +22,7 @@ LEFT_SOLE, RIGHT_SOLE = (0.0, 0.14, 0.0), (0.0, -0.14, 0.0)
 
 
 @pytest.fixture(scope="module")
-def perfect(standing: Ticks, altered: Callable[..., Ticks]) -> Ticks:
+def perfect(standing: StepRecord, altered: Callable[..., StepRecord]) -> StepRecord:
     """Standing perfectly still at the origin, weight on both feet, CoM 1.1 m over their middle."""
     upright = (0.0, 0.0, 1.0)
     rest = {f"{joint}_{quantity}": 0.0 for joint in standing.robot.joint_names for quantity in ("velocity", "torque")}
@@ -29,7 +30,7 @@ def perfect(standing: Ticks, altered: Callable[..., Ticks]) -> Ticks:
         standing,
         com_position=(0.0, 0.0, HEIGHT),
         com_velocity=0.0,
-        pelvis_up=upright,
+        root_up=upright,
         torso_up=upright,
         left_sole_position=LEFT_SOLE,
         right_sole_position=RIGHT_SOLE,
@@ -40,7 +41,7 @@ def perfect(standing: Ticks, altered: Callable[..., Ticks]) -> Ticks:
     )
 
 
-def contact(ticks: Ticks, force: float, point: tuple[float, float, float]) -> np.ndarray:
+def contact(ticks: StepRecord, force: float, point: tuple[float, float, float]) -> np.ndarray:
     """A foot's contact sensor: found, force (3), torque (3), point (3), and what follows."""
     values = np.zeros(ticks["left_foot_contact"].shape[-1])
     values[0], values[3], values[7:10] = 4.0 * (force > 0), force, point
@@ -56,8 +57,8 @@ def about_y(angle: float) -> tuple[float, ...]:
     return (-np.sin(angle), 0.0, np.cos(angle))
 
 
-def of_step(ticks: Ticks, power_weight: float = 0.0) -> float:
-    return float(reward.step_reward(ticks, HEIGHT, Prices(power_weight))[0][0])
+def of_step(ticks: StepRecord, power_weight: float = 0.0) -> float:
+    return float(reward.step_reward(ticks, HEIGHT, PenaltyWeights(power_weight))[0][0])
 
 
 def test_the_table_is_that_of_the_groups_code() -> None:
@@ -69,15 +70,15 @@ def test_the_table_is_that_of_the_groups_code() -> None:
         "com_velocity_z": (1.0, 3.69),
         "torso_pitch": (1.0, 4.68),
         "torso_roll": (1.0, 4.68),
-        "pelvis_pitch": (1.0, 4.68),
-        "pelvis_roll": (1.0, 4.68),
+        "root_pitch": (1.0, 4.68),
+        "root_roll": (1.0, 4.68),
         "left_foot_force": (1.0, 2e-5),
         "right_foot_force": (1.0, 2e-5),
     }
     assert sum(weight for weight, _ in table.values()) == SUM_OF_WEIGHTS
 
 
-def test_standing_perfectly_still_earns_1_per_step(perfect: Ticks) -> None:
+def test_standing_perfectly_still_earns_1_per_step(perfect: StepRecord) -> None:
     # 0.1 * 10 / 14 * (2 + 3 + 2 + 1 + 4 + 2) = 1
     assert of_step(perfect) == pytest.approx(1.0, abs=1e-9)
 
@@ -95,13 +96,13 @@ def test_standing_perfectly_still_earns_1_per_step(perfect: Ticks) -> None:
         ({"com_velocity": (0.0, 0.0, -0.7)}, "com_velocity_z", 0.7),
         ({"torso_up": about_y(0.3)}, "torso_pitch", 0.3),
         ({"torso_up": about_x(-0.2)}, "torso_roll", 0.2),
-        ({"pelvis_up": about_y(-0.25)}, "pelvis_pitch", 0.25),
-        ({"pelvis_up": about_x(0.4)}, "pelvis_roll", 0.4),
+        ({"root_up": about_y(-0.25)}, "root_pitch", 0.25),
+        ({"root_up": about_x(0.4)}, "root_roll", 0.4),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_one_error_costs_its_terms_share_and_nothing_else(
-    perfect: Ticks, altered: Callable[..., Ticks], sensors: dict, term: str, error: float
+    perfect: StepRecord, altered: Callable[..., StepRecord], sensors: dict, term: str, error: float
 ) -> None:
     weight, alpha = reward.TERMS[term].weight, reward.TERMS[term].alpha
     # e.g. com_position_xy: exp(-19.51 * 0.01) = 0.8228, and 2 / 14 of the reward: 1 - 0.1772 * 2 / 14 = 0.97469
@@ -109,7 +110,7 @@ def test_one_error_costs_its_terms_share_and_nothing_else(
     assert of_step(altered(perfect, **sensors)) == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_low_com_costs_its_height_term(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+def test_a_low_com_costs_its_height_term(perfect: StepRecord, altered: Callable[..., StepRecord]) -> None:
     low = altered(perfect, com_position=(0.0, 0.0, HEIGHT - 0.1))
     # exp(-113.84 * 0.1^2) = 0.32033; 1 - 0.67967 * 3 / 14 = 0.85436
     assert of_step(low) == pytest.approx(0.85436, abs=1e-5)
@@ -120,7 +121,7 @@ def test_a_low_com_costs_its_height_term(perfect: Ticks, altered: Callable[..., 
     assert of_step(pit) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_an_uneven_load_costs_both_feet(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+def test_an_uneven_load_costs_both_feet(perfect: StepRecord, altered: Callable[..., StepRecord]) -> None:
     uneven = altered(
         perfect,
         left_foot_contact=contact(perfect, 0.5 * WEIGHT + 200.0, LEFT_SOLE),
@@ -131,7 +132,7 @@ def test_an_uneven_load_costs_both_feet(perfect: Ticks, altered: Callable[..., T
 
 
 def test_the_velocity_asked_for_brings_the_capture_point_to_the_centre(
-    perfect: Ticks, altered: Callable[..., Ticks]
+    perfect: StepRecord, altered: Callable[..., StepRecord]
 ) -> None:
     offset = np.array([0.05, -0.02])
     position = (*offset, HEIGHT)
@@ -145,13 +146,15 @@ def test_the_velocity_asked_for_brings_the_capture_point_to_the_centre(
     np.testing.assert_allclose(reward.com_velocity_xy(still, HEIGHT), np.hypot(*offset) / TIME_CONSTANT, rtol=1e-9)
 
 
-def test_on_one_foot_the_centre_of_support_is_that_foot(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+def test_on_one_foot_the_centre_of_support_is_that_foot(
+    perfect: StepRecord, altered: Callable[..., StepRecord]
+) -> None:
     left_only = altered(perfect, right_foot_contact=contact(perfect, 0.0, RIGHT_SOLE))
     np.testing.assert_allclose(reward.com_position_xy(left_only, HEIGHT), 0.14, rtol=1e-12)
 
 
 def test_in_the_air_the_velocity_term_is_void_and_the_penalty_is_two(
-    perfect: Ticks, altered: Callable[..., Ticks]
+    perfect: StepRecord, altered: Callable[..., StepRecord]
 ) -> None:
     nothing = contact(perfect, 0.0, (0.0, 0.0, 0.0))
     air = altered(perfect, left_foot_contact=nothing, right_foot_contact=nothing, ground_contact=0.0)
@@ -164,7 +167,7 @@ def test_in_the_air_the_velocity_term_is_void_and_the_penalty_is_two(
 
 
 def test_touching_the_ground_with_anything_else_costs_ten_times_a_tenth(
-    perfect: Ticks, altered: Callable[..., Ticks]
+    perfect: StepRecord, altered: Callable[..., StepRecord]
 ) -> None:
     touched = altered(perfect, ground_contact=9.0)  # 4 of each foot and 1 more
     assert of_step(touched) == pytest.approx(1.0 - 1.0, abs=1e-9)
@@ -172,7 +175,7 @@ def test_touching_the_ground_with_anything_else_costs_ten_times_a_tenth(
     assert means["non_foot_contact"] == -10.0
 
 
-def test_power_costs_its_weight_times_the_watts(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+def test_power_costs_its_weight_times_the_watts(perfect: StepRecord, altered: Callable[..., StepRecord]) -> None:
     working = altered(
         perfect,
         torso_pitch_torque=-50.0,
@@ -183,33 +186,37 @@ def test_power_costs_its_weight_times_the_watts(perfect: Ticks, altered: Callabl
     # |-50 * 2| + |100 * 3| = 400 W; 400 * 1e-3 = 0.4 on the scale of 10, 0.04 of a step
     assert of_step(working, power_weight=1e-3) == pytest.approx(1.0 - 0.04, abs=1e-9)
     assert of_step(working, power_weight=0.0) == pytest.approx(1.0, abs=1e-9)
-    assert reward.step_reward(working, HEIGHT, Prices(1e-3))[1]["power"] == pytest.approx(-0.4)
+    assert reward.step_reward(working, HEIGHT, PenaltyWeights(1e-3))[1]["power"] == pytest.approx(-0.4)
     # With a knee at 100 W: 100 * ln(1 + 400 / 100) = 160.94 W count.
-    assert reward.step_reward(working, HEIGHT, Prices(1e-3, 100.0))[1]["power"] == pytest.approx(-0.16094, abs=1e-5)
+    assert reward.step_reward(working, HEIGHT, PenaltyWeights(1e-3, 100.0))[1]["power"] == pytest.approx(
+        -0.16094, abs=1e-5
+    )
 
 
-def test_a_steps_reward_is_the_mean_over_its_ticks(robot: Robot, perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+def test_a_steps_reward_is_the_mean_over_its_ticks(
+    robot: Robot, perfect: StepRecord, altered: Callable[..., StepRecord]
+) -> None:
     fallen = altered(perfect, ground_contact=9.0, torso_up=about_y(0.3))
     record = perfect.record.copy()
     record[:, 15:] = fallen.record[:, 15:]  # the last 5 of 20 ticks
-    layout = Simulation(robot, 1, num_threads=1).layout
-    mixed = Ticks(robot, layout, record)
+    layout = MujocoEngine(robot, 1, num_threads=1).layout
+    mixed = StepRecord(robot, layout, record)
     expected = 0.75 * of_step(perfect) + 0.25 * of_step(fallen)
     assert of_step(mixed) == pytest.approx(expected, abs=1e-12)
     assert expected < 0.75
 
 
 def test_every_robot_has_its_own_reward_and_the_means_are_over_all(
-    robot: Robot, perfect: Ticks, altered: Callable[..., Ticks]
+    robot: Robot, perfect: StepRecord, altered: Callable[..., StepRecord]
 ) -> None:
     leaning = altered(perfect, torso_up=about_y(0.3))
-    layout = Simulation(robot, 1, num_threads=1).layout
-    both = Ticks(robot, layout, np.concatenate([leaning.record, perfect.record]))
+    layout = MujocoEngine(robot, 1, num_threads=1).layout
+    both = StepRecord(robot, layout, np.concatenate([leaning.record, perfect.record]))
     rewards, means = reward.step_reward(both, HEIGHT)
     np.testing.assert_allclose(rewards, [of_step(leaning), of_step(perfect)], rtol=1e-12)
     # exp(-4.68 * 0.09) = 0.65627; (0.65627 + 1) / 2
     assert means["torso_pitch"] == pytest.approx(0.5 * (0.65627 + 1.0), abs=1e-5)
-    assert means["pelvis_pitch"] == pytest.approx(1.0)
+    assert means["root_pitch"] == pytest.approx(1.0)
     assert tuple(means) == (
         *reward.TERMS,
         "no_foot_contact",
@@ -221,10 +228,10 @@ def test_every_robot_has_its_own_reward_and_the_means_are_over_all(
     )
 
 
-def test_a_robot_that_really_stands_earns_nearly_1_per_step(standing: Ticks) -> None:
+def test_a_robot_that_really_stands_earns_nearly_1_per_step(standing: StepRecord) -> None:
     """The straight pose, held for 2 s by the impedance alone."""
     nominal = 1.1048  # CoM over the soles, straight legs: -0.0666 + 1.1714
-    rewards, means = reward.step_reward(standing, nominal, Prices(1e-4))
+    rewards, means = reward.step_reward(standing, nominal, PenaltyWeights(1e-4))
     assert 0.95 < rewards[0] < 1.0
     # The reward is what the terms add up to.
     terms = sum(reward.TERMS[name].weight * means[name] for name in reward.TERMS) / SUM_OF_WEIGHTS
@@ -235,50 +242,50 @@ def test_a_robot_that_really_stands_earns_nearly_1_per_step(standing: Ticks) -> 
 
 
 def test_a_robot_dropped_from_2_m_is_penalised_for_flying(robot: Robot) -> None:
-    simulation = Simulation(robot, 1, num_threads=1)
+    engine = MujocoEngine(robot, 1, num_threads=1)
     pose = robot.pose("straight")[None]
-    start = simulation.reset(np.array([0]), pose, height=2.0)
-    ticks = simulation.step(np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
+    start = engine.reset(np.array([0]), pose, height=2.0)
+    ticks = engine.step(np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
     rewards, means = reward.step_reward(ticks, float(start.com_height[0, 0]))
     assert means["no_foot_contact"] == -2.0
     # Upright in the air: (3 + 1 + 4) / 14 of the terms at best, the position term near 1, minus 0.2.
     assert rewards[0] == pytest.approx((2 * means["com_position_xy"] + 8.0) / 14.0 - 0.2, abs=0.02)
 
 
-def test_a_foot_that_travels_costs_its_speed(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+def test_a_foot_that_travels_costs_its_speed(perfect: StepRecord, altered: Callable[..., StepRecord]) -> None:
     # 1 mm forward and 1 mm up per tick: 0.5 m/s over the floor; 0.1 * 4 per m/s * 0.5 m/s = 0.2.
     way = np.outer(np.arange(TICKS_PER_STEP), (0.001, 0.0, 0.001))[None]
     moving = altered(still(perfect), left_sole_position=LEFT_SOLE + way)
     free, means = reward.step_reward(moving, HEIGHT)
-    charged, charged_means = reward.step_reward(moving, HEIGHT, Prices(travel=4.0))
+    charged, charged_means = reward.step_reward(moving, HEIGHT, PenaltyWeights(travel=4.0))
     assert free[0] - charged[0] == pytest.approx(0.2)
     assert (means["foot_travel"], charged_means["foot_travel"]) == (0.0, pytest.approx(-2.0))
     # With a knee at 0.1 m/s, 0.5 m/s counts as 0.1 ln(6) = 0.17918 m/s; times 4.
-    bent = reward.step_reward(moving, HEIGHT, Prices(travel=4.0, travel_knee=0.1))[1]
+    bent = reward.step_reward(moving, HEIGHT, PenaltyWeights(travel=4.0, travel_knee=0.1))[1]
     assert bent["foot_travel"] == pytest.approx(-0.71670, abs=1e-5)
 
 
-def test_a_com_that_sways_costs_its_horizontal_speed(perfect: Ticks, altered: Callable[..., Ticks]) -> None:
+def test_a_com_that_sways_costs_its_horizontal_speed(perfect: StepRecord, altered: Callable[..., StepRecord]) -> None:
     # 0.3 m/s forward and 0.4 m/s to the left are 0.5 m/s over the floor; 0.1 * 2 per m/s * 0.5 m/s = 0.1.
     swaying = altered(still(perfect), com_velocity=(0.3, 0.4, 0.2))
     free = reward.step_reward(swaying, HEIGHT)[0]
-    charged, means = reward.step_reward(swaying, HEIGHT, Prices(sway=2.0))
+    charged, means = reward.step_reward(swaying, HEIGHT, PenaltyWeights(sway=2.0))
     assert free[0] - charged[0] == pytest.approx(0.1)
     assert means["sway"] == pytest.approx(-1.0)
 
 
 def test_leaving_the_nominal_pose_costs_the_joints_mean_distance(
-    robot: Robot, perfect: Ticks, altered: Callable[..., Ticks]
+    robot: Robot, perfect: StepRecord, altered: Callable[..., StepRecord]
 ) -> None:
     # Two of eleven joints, 0.3 and 0.25 rad away to either side: 0.05 rad in the mean; 0.1 * 4 per rad * 0.05 = 0.02.
     pose = still(perfect).joint_position[0, 0].copy()
     pose[[robot.joint_names.index("torso_pitch"), robot.joint_names.index("left_knee_pitch")]] += (0.3, -0.25)
     free = reward.step_reward(still(perfect), HEIGHT, nominal_pose=pose)[0]
-    charged, means = reward.step_reward(still(perfect), HEIGHT, Prices(posture=4.0), pose)
+    charged, means = reward.step_reward(still(perfect), HEIGHT, PenaltyWeights(posture=4.0), pose)
     assert free[0] - charged[0] == pytest.approx(0.02)
     assert means["posture"] == pytest.approx(-0.2)
 
 
-def still(ticks: Ticks) -> Ticks:
+def still(ticks: StepRecord) -> StepRecord:
     """The first tick, for a whole policy step."""
-    return Ticks(ticks.robot, ticks._layout, np.repeat(ticks.record[:, :1], TICKS_PER_STEP, axis=1))
+    return StepRecord(ticks.robot, ticks._layout, np.repeat(ticks.record[:, :1], TICKS_PER_STEP, axis=1))

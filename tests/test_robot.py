@@ -12,8 +12,9 @@ import pytest
 from conftest import posed
 
 from surefoot.errors import UserError
-from surefoot.robot import Robot, joint_group, load_robot
-from surefoot.simulation import TICKS_PER_STEP, Simulation
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.rates import TICKS_PER_STEP
+from surefoot.robots.robot import Robot, joint_group, load_robot
 
 LEG = ("hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll")
 JOINTS = ("torso_pitch", *(f"left_{name}" for name in LEG), *(f"right_{name}" for name in LEG))
@@ -44,8 +45,8 @@ def contacts(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[str, str]]
 
 def test_the_whole_robot_weighs_what_its_links_weigh(robot: Robot) -> None:
     legs = 2 * sum(LEG_MASS.values())  # 44.93
-    pelvis = 8.22 + 0.5 + 2 * 2.39  # waist yaw link and both hip yaw links are locked to it
-    assert pelvis + TORSO_MASS + legs == pytest.approx(TOTAL_MASS, abs=1e-9)
+    root = 8.22 + 0.5 + 2 * 2.39  # waist yaw link and both hip yaw links are locked to it
+    assert root + TORSO_MASS + legs == pytest.approx(TOTAL_MASS, abs=1e-9)
     assert robot.mass == pytest.approx(TOTAL_MASS, abs=1e-6)
     assert robot.gravity == 9.806651
     assert robot.weight == pytest.approx(TOTAL_MASS * 9.806651, abs=1e-4)  # 1346.33 N, 673.2 N a foot
@@ -54,7 +55,7 @@ def test_the_whole_robot_weighs_what_its_links_weigh(robot: Robot) -> None:
 def test_every_body_has_the_mass_of_its_links(robot: Robot) -> None:
     model = robot.model()
     masses = {model.body(i).name: model.body_mass[i] for i in range(1, model.nbody)}
-    expected = {"pelvis": 13.5, "torso": TORSO_MASS}
+    expected = {"root": 13.5, "torso": TORSO_MASS}
     expected |= {f"{side}_{part}": mass for side in ("left", "right") for part, mass in LEG_MASS.items()}
     assert masses == pytest.approx(expected, abs=1e-6)
 
@@ -62,7 +63,7 @@ def test_every_body_has_the_mass_of_its_links(robot: Robot) -> None:
 def test_the_com_of_the_straight_robot_is_at_the_papers_height(robot: Robot) -> None:
     model = robot.model()
     data = posed(robot, model, height=1.175)
-    # 1.175 - 0.1853 - 0.0609 - 0.430959 - 0.40627 - 0.088: the pelvis frame over the soles, hip, thigh, shank, foot.
+    # 1.175 - 0.1853 - 0.0609 - 0.430959 - 0.40627 - 0.088: the root frame over the soles, hip, thigh, shank, foot.
     assert data.site("left_sole").xpos[2] == pytest.approx(0.003571, abs=1e-6)
     assert data.subtree_com[1][2] == pytest.approx(1.108, abs=5e-4)
 
@@ -70,7 +71,7 @@ def test_the_com_of_the_straight_robot_is_at_the_papers_height(robot: Robot) -> 
 @pytest.mark.parametrize(
     ("body", "com", "inertia"),
     [
-        ("pelvis", (0.0044654, -0.0021384, -0.0544803), (0.26477037, 0.19340185, 0.15775318)),
+        ("root", (0.0044654, -0.0021384, -0.0544803), (0.26477037, 0.19340185, 0.15775318)),
         ("torso", (-0.0264063, -0.0010217, 0.2336136), (6.84978740, 3.64731589, 4.41874504)),
         ("left_thigh", (0.016691, 0.192997, -0.454075), (0.24083413, 0.25689705, 0.02327635)),
         ("right_thigh", (0.016691, -0.192997, -0.454075), (0.24083413, 0.25689705, 0.02327635)),
@@ -80,7 +81,7 @@ def test_the_com_of_the_straight_robot_is_at_the_papers_height(robot: Robot) -> 
     ],
 )
 def test_com_and_inertia_of_a_body_are_those_of_its_links(robot: Robot, body: str, com: tuple, inertia: tuple) -> None:
-    """Composite figures of the URDF at zero angles: CoM in the pelvis frame [m], diagonal about it [kg m^2]."""
+    """Composite figures of the URDF at zero angles: CoM in the root frame [m], diagonal about it [kg m^2]."""
     model = robot.model()
     data = posed(robot, model, height=0.0)
     rotation = data.body(body).ximat.reshape(3, 3)
@@ -92,7 +93,7 @@ def test_com_and_inertia_of_a_body_are_those_of_its_links(robot: Robot, body: st
 def test_com_and_inertia_of_the_whole_straight_robot_are_the_urdfs(robot: Robot) -> None:
     model = robot.model()
     data = posed(robot, model, height=0.0)
-    # Sum over the 31 links of the URDF, pelvis frame, arms and head locked.
+    # Sum over the 31 links of the URDF, root frame, arms and head locked.
     np.testing.assert_allclose(data.subtree_com[1], (-0.0126297, -0.0004727, -0.0672277), rtol=0, atol=2e-6)
     inertia = np.zeros((3, 3))
     for body in range(1, model.nbody):
@@ -158,7 +159,7 @@ def test_left_and_right_are_mirror_images(robot: Robot) -> None:
 
 def test_pushable_bodies_are_the_bodies_they_are_called_after(robot: Robot) -> None:
     model = robot.model()
-    assert set(robot.body_ids) == {"pelvis", "torso", "left_thigh", "right_thigh", "left_shank", "right_shank"}
+    assert set(robot.body_ids) == {"root", "torso", "left_thigh", "right_thigh", "left_shank", "right_shank"}
     for name, body_id in robot.body_ids.items():
         assert model.body(body_id).name == name
 
@@ -206,13 +207,13 @@ def test_a_leg_collides_with_the_body(robot: Robot) -> None:
 
 
 def test_legs_driven_into_each_other_stop_at_the_skin(robot: Robot) -> None:
-    simulation = Simulation(robot, 1, num_threads=1)
+    engine = MujocoEngine(robot, 1, num_threads=1)
     inwards = robot.pose("straight").copy()
     inwards[robot.joint_names.index("left_hip_roll")] = -0.4
     inwards[robot.joint_names.index("right_hip_roll")] = 0.4
-    simulation.reset(np.array([0]), robot.pose("straight")[None], height=5.0)
+    engine.reset(np.array([0]), robot.pose("straight")[None], height=5.0)
     for _ in range(12):
-        ticks = simulation.step(np.tile(inwards, (1, TICKS_PER_STEP, 1)))
+        ticks = engine.step(np.tile(inwards, (1, TICKS_PER_STEP, 1)))
     # Freely they would end 0.99 m * sin(0.4) = 0.39 m inwards of their place, 0.27 m past each other. The feet's
     # inner faces may not pass each other by more than 1 cm.
     gap = ticks.sole_position[0, -1, 0] - ticks.sole_position[0, -1, 1]
@@ -220,21 +221,21 @@ def test_legs_driven_into_each_other_stop_at_the_skin(robot: Robot) -> None:
     assert not ticks.foot_contact.any()
 
 
-def test_thighs_pass_the_pelvis_that_carries_them(robot: Robot) -> None:
+def test_thighs_pass_the_root_that_carries_them(robot: Robot) -> None:
     model = robot.model()
     for pitch in np.linspace(-1.6, 1.619, 9):
         data = posed(robot, model, left_hip_pitch=pitch)
-        assert not {pair for pair in contacts(model, data) if "pelvis" in pair}, pitch
+        assert not {pair for pair in contacts(model, data) if "root" in pair}, pitch
 
 
 def test_sliding_feet_are_braked_by_a_friction_of_one(robot: Robot) -> None:
-    simulation = Simulation(robot, 2, num_threads=1)
-    simulation.reset(np.arange(2), np.tile(robot.pose("straight"), (2, 1)))
-    _, qvel = simulation.state
+    engine = MujocoEngine(robot, 2, num_threads=1)
+    engine.reset(np.arange(2), np.tile(robot.pose("straight"), (2, 1)))
+    _, qvel = engine.state
     qvel[0, 0], qvel[1, 1] = 3.0, -2.0
     ratios = []
     for _ in range(5):
-        ticks = simulation.step(np.tile(robot.pose("straight"), (2, TICKS_PER_STEP, 1)))
+        ticks = engine.step(np.tile(robot.pose("straight"), (2, TICKS_PER_STEP, 1)))
         for foot in ("left", "right"):
             force = ticks[f"{foot}_foot_contact"][..., 1:4]
             loaded = force[..., 2] > 50.0
@@ -245,17 +246,17 @@ def test_sliding_feet_are_braked_by_a_friction_of_one(robot: Robot) -> None:
 
 def test_friction_at_a_tenth_of_its_limit_holds_a_standing_robots_feet(robot: Robot) -> None:
     """Legs that push a little outwards load the soles sideways; feet that creep would be taken for steps."""
-    simulation = Simulation(robot, 1, num_threads=1)
+    engine = MujocoEngine(robot, 1, num_threads=1)
     pose = robot.pose("straight").copy()
     pose[robot.joint_names.index("left_hip_roll")] = 0.03
     pose[robot.joint_names.index("right_hip_roll")] = -0.03
-    simulation.reset(np.array([0]), robot.pose("straight")[None])
+    engine.reset(np.array([0]), robot.pose("straight")[None])
     targets = np.tile(pose, (1, TICKS_PER_STEP, 1))
     for _ in range(25):
-        ticks = simulation.step(targets)
+        ticks = engine.step(targets)
     place = ticks.sole_position[0, -1, :, :2].copy()
     for _ in range(125):
-        ticks = simulation.step(targets)
+        ticks = engine.step(targets)
     force = ticks["left_foot_contact"][0, -1, 1:4]
     assert 10.0 < np.hypot(force[0], force[1]) < 0.15 * force[2]
     # 5 s: a trial of 10 s must stay well below its threshold for a step, 30 mm.
@@ -281,7 +282,7 @@ def test_an_unknown_pose_is_answered_with_the_known_ones(robot: Robot) -> None:
 def test_an_unknown_body_is_answered_with_the_known_ones(robot: Robot) -> None:
     with pytest.raises(UserError) as error:
         robot.body_id("head")
-    valid = "pelvis, torso, left_thigh, right_thigh, left_shank, right_shank"
+    valid = "root, torso, left_thigh, right_thigh, left_shank, right_shank"
     assert str(error.value) == f"unknown body 'head' of valkyrie; valid: {valid}"
 
 

@@ -15,12 +15,12 @@ from conftest import tiny
 from stable_baselines3 import DDPG
 
 import surefoot.learning.run_folder as run_folder_module
-from surefoot.env import EnvConfig
+from surefoot.agents.load import load_policy
 from surefoot.errors import UserError
 from surefoot.learning.networks import actor_layers
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.train import Trainer, train
-from surefoot.policy import load_policy
+from surefoot.task.environment import EnvConfig
 
 ALGORITHMS = ("trpo", "ppo", "ddpg")
 

@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 from conftest import an_outcome
 
-from surefoot.control import Imperfections
-from surefoot.disturbance import Drop, Push
+from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
-from surefoot.judge import Outcome
-from surefoot.policy import NominalPolicy
-from surefoot.robot import Robot, World
-from surefoot.scenarios import PAPER, ROBUSTNESS, SUITES, Line, Scenario, from_json, suite
-from surefoot.simulation import Simulation
-from surefoot.trials import Trial, run_list
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.scenario_file import suite
+from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, SUITES, Line, Scenario, from_json
+from surefoot.evaluation.trials import Trial, run_list
+from surefoot.physics.domain import DomainParameters
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.pushes import Drop, Push
+from surefoot.robots.robot import Robot
+from surefoot.task.imperfections import Imperfections
 
 ALL = (*PAPER, *ROBUSTNESS)
 BY_NAME = {scenario.name: scenario for scenario in ALL}
@@ -60,7 +62,7 @@ def test_every_scenario_builds_finite_trials_that_its_seed_decides(robot: Robot,
             assert push.body in robot.body_ids
             assert math.hypot(*push.direction) == pytest.approx(1.0, abs=1e-9)
             assert "-0.0" not in repr(push)  # equal to 0.0, but another text in the results table
-        assert trial.world == scenario.world
+        assert trial.domain == scenario.domain
         assert 0.0 <= trial.calm_from < trial.horizon
 
 
@@ -71,9 +73,9 @@ def test_every_scenario_runs() -> None:
         trial = one_trial(scenario.lines()[0])
         trials[scenario.name] = dataclasses.replace(trial, horizon=2.0, calm_from=min(trial.calm_from, 1.0))
     outcomes: dict[Trial, Outcome] = {}
-    for world in {trial.world for trial in trials.values()}:
-        batch = {trial for trial in trials.values() if trial.world == world}
-        outcomes |= run_list(NominalPolicy(), batch, num_slots=len(batch), world=world)
+    for domain in {trial.domain for trial in trials.values()}:
+        batch = {trial for trial in trials.values() if trial.domain == domain}
+        outcomes |= run_list(NominalAgent(), batch, num_slots=len(batch), domain=domain)
     for outcome in outcomes.values():
         assert outcome.seconds <= 2.0
         assert 0.0 < outcome.torque_ratio <= 1.0
@@ -81,7 +83,7 @@ def test_every_scenario_runs() -> None:
         assert math.isnan(outcome.calm_power) == (not stood)
     reasons = {name: outcomes[trial].reason for name, trial in trials.items()}
     # 18 Ns are little on a plain floor, and 240 Ns are too much for a pose.
-    assert reasons["pelvis_push"] == reasons["standing"] == reasons["latency_40ms"] == "recovered"
+    assert reasons["root_push"] == reasons["standing"] == reasons["latency_40ms"] == "recovered"
     assert reasons["sagittal_240"] == "fell"
     assert "diverged" not in reasons.values()
 
@@ -109,16 +111,16 @@ def test_a_searched_tilt_leans_the_robot_towards_its_direction(
     (line,) = Scenario("landing_tilt", search="tilt", drop=0.4, directions=(direction,)).lines()
     drop = line.trial(3, 0, True).drop
     assert drop == Drop(0.4, pytest.approx(math.radians(roll)), pytest.approx(math.radians(pitch)))
-    # In the simulation: the torso is over the side of the pelvis that it leans to.
-    simulation = Simulation(robot, 1, num_threads=1)
-    start = simulation.reset(np.array([0]), robot.pose("straight")[None], height=0.4, roll=drop.roll, pitch=drop.pitch)
-    offset = start["torso_position"][0, 0] - start["pelvis_position"][0, 0]
-    upright = simulation.reset(np.array([0]), robot.pose("straight")[None], height=0.4)
-    offset -= upright["torso_position"][0, 0] - upright["pelvis_position"][0, 0]
+    # In the simulation: the torso is over the side of the root that it leans to.
+    engine = MujocoEngine(robot, 1, num_threads=1)
+    start = engine.reset(np.array([0]), robot.pose("straight")[None], height=0.4, roll=drop.roll, pitch=drop.pitch)
+    offset = start["torso_position"][0, 0] - start["root_position"][0, 0]
+    upright = engine.reset(np.array([0]), robot.pose("straight")[None], height=0.4)
+    offset -= upright["torso_position"][0, 0] - upright["root_position"][0, 0]
     towards = np.array([math.cos(line.angle), math.sin(line.angle)])
-    height = upright["torso_position"][0, 0, 2] - upright["pelvis_position"][0, 0, 2]
+    height = upright["torso_position"][0, 0, 2] - upright["root_position"][0, 0, 2]
     assert offset[:2] @ towards == pytest.approx(height * math.sin(math.radians(3.0)), abs=0.003)
-    assert math.degrees(math.acos(start.pelvis_uprightness[0, 0])) == pytest.approx(3.0)
+    assert math.degrees(math.acos(start.root_uprightness[0, 0])) == pytest.approx(3.0)
 
 
 # What is in a trial.
@@ -138,8 +140,8 @@ def test_the_papers_levers_are_above_the_com_at_the_torso_and_below_it_at_the_le
 
 def test_the_combined_test_lifts_by_500_ns_and_pushes_240_ms_later() -> None:
     trial = BY_NAME["combined"].lines()[1].trial(10, 4, whole=False)
-    assert trial.first == Push("pelvis", (0.0, 0.0, 1.0), 500.0)
-    assert trial.push == Push("pelvis", (0.0, 1.0, 0.0), 60.0, start=0.24)
+    assert trial.first == Push("root", (0.0, 0.0, 1.0), 500.0)
+    assert trial.push == Push("root", (0.0, 1.0, 0.0), 60.0, start=0.24)
     assert trial.pushes == (trial.first, trial.push)
 
 
@@ -150,7 +152,7 @@ def test_the_second_push_comes_when_the_seed_says() -> None:
     assert max(starts) <= 2.0
     # Uniform: mean 1.15, deviation 1.7 / sqrt(12) = 0.49, of the mean of 200 0.035.
     assert np.mean(starts) == pytest.approx(1.15, abs=4 * 0.035)
-    assert line.trial(1, 0, True).first == Push("pelvis", (1.0, 0.0, 0.0), 120.0)
+    assert line.trial(1, 0, True).first == Push("root", (1.0, 0.0, 0.0), 120.0)
 
 
 def test_drops_begin_in_the_air_and_without_a_push() -> None:
@@ -164,18 +166,18 @@ def test_conditions_are_carried_into_the_trials() -> None:
     assert one_trial(BY_NAME["noise_both"].lines()[0]).imperfections == Imperfections(0.5, 0.1)
     assert one_trial(BY_NAME["latency_20ms"].lines()[0]).imperfections == Imperfections(latency=0.02)
     assert one_trial(BY_NAME["sensor_bias"].lines()[0]).imperfections == Imperfections(sensor_bias=0.1)
-    slope = one_trial(BY_NAME["slope_8_side"].lines()[0]).world
-    assert slope == World(slope=math.radians(8.0), uphill=math.radians(90.0))
-    assert one_trial(BY_NAME["friction_0.3"].lines()[0]).world == World(friction=0.3)
-    assert one_trial(BY_NAME["mass_110"].lines()[0]).world == World(mass_scale=1.1)
-    assert one_trial(BY_NAME["physics_1000hz"].lines()[0]).world == World(physics_hz=1000)
+    slope = one_trial(BY_NAME["slope_8_side"].lines()[0]).domain
+    assert slope == DomainParameters(slope=math.radians(8.0), uphill=math.radians(90.0))
+    assert one_trial(BY_NAME["friction_0.3"].lines()[0]).domain == DomainParameters(friction=0.3)
+    assert one_trial(BY_NAME["mass_110"].lines()[0]).domain == DomainParameters(mass_scale=1.1)
+    assert one_trial(BY_NAME["physics_1000hz"].lines()[0]).domain == DomainParameters(physics_hz=1000)
     assert one_trial(BY_NAME["duration_250ms"].lines()[0]).push.duration == 0.25
     assert one_trial(BY_NAME["quiet"].lines()[0]).horizon == 60.0
 
 
 def test_without_a_step_a_foot_that_left_its_place_is_a_failure() -> None:
     stepped, stood = an_outcome(foot_shift=0.031), an_outcome(foot_shift=0.029)
-    for scenario, expected in ((BY_NAME["pelvis_push"], True), (BY_NAME["pelvis_push_no_step"], False)):
+    for scenario, expected in ((BY_NAME["root_push"], True), (BY_NAME["root_push_no_step"], False)):
         line = scenario.lines()[0]
         assert (line.succeeded(stepped), line.succeeded(stood)) == (expected, True)
         assert not line.succeeded(an_outcome(recovered=False))
@@ -229,7 +231,7 @@ def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "fault"),
     [
-        ('body = "knee"', "unknown body 'knee' of valkyrie; valid: pelvis, torso, left_thigh, "),
+        ('body = "knee"', "unknown body 'knee' of valkyrie; valid: root, torso, left_thigh, "),
         ("duration = -0.1", "duration must be a number from 0.002 to 5, not -0.1"),
         ("duration = 0.0", "duration must be a number from 0.002 to 5, not 0.0"),
         ("impulse = nan", "impulse must be a number from 0 to 2000, not nan"),

@@ -10,29 +10,33 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from surefoot.env import PushRecoveryVectorEnv
+from surefoot.agents.contract import Contract
+from surefoot.agents.load import load_policy
+from surefoot.agents.network import NetworkAgent
+from surefoot.agents.nominal import NominalAgent
+from surefoot.agents.policy_file import network_bytes
 from surefoot.errors import UserError
+from surefoot.evaluation.trials import run_list
 from surefoot.learning.ablations import LEFT_OUT, ablate, ablation_table, without
 from surefoot.learning.exam import UP_TO, examine
 from surefoot.learning.models import make_model
 from surefoot.learning.probe import FIRST_SEED, probe
 from surefoot.learning.sb3 import SB3VecEnv
 from surefoot.learning.selection import files, judge, means, shipped_bytes
-from surefoot.policy import Contract, NetworkPolicy, NominalPolicy, load_policy, network_bytes
-from surefoot.robot import load_robot
-from surefoot.trials import run_list
+from surefoot.robots.robot import load_robot
+from surefoot.task.environment import PushRecoveryVectorEnv
 
 
 def test_a_probe_uses_trials_that_the_evaluation_never_sees() -> None:
     assert FIRST_SEED > 1000
-    found = probe(NominalPolicy(load_robot(), "bent"))
+    found = probe(NominalAgent(load_robot(), "bent"))
     # Held by its impedance alone the robot rejects small pushes and no large ones.
     assert 0.05 < found.recovered < 0.4
     assert set(found.rejected) >= {"forward", "left", "backward", "right", "45"}
 
 
 def test_probes_of_other_rounds_use_other_trials_and_some_other_directions() -> None:
-    policy = NominalPolicy(load_robot(), "bent")
+    policy = NominalAgent(load_robot(), "bent")
     seeds: list[set[int]] = []
     directions: list[set[float]] = []
     for number in (0, 1, 2):
@@ -48,28 +52,28 @@ def test_probes_of_other_rounds_use_other_trials_and_some_other_directions() -> 
 
 
 def test_an_exam_tells_by_scenario_how_much_of_the_way_to_the_goal_holds() -> None:
-    policy = NominalPolicy(load_robot(), "bent")
+    policy = NominalAgent(load_robot(), "bent")
     with mock.patch("surefoot.learning.exam.run_list", wraps=run_list) as runner:
         shares = examine(policy)
     trials = runner.call_args.args[1]
-    # Six sizes each: 16 directions of the pelvis, 4 of nine other scenarios, one height.
+    # Six sizes each: 16 directions of the root, 4 of nine other scenarios, one height.
     assert len(trials) == 6 * (16 + 9 * 4 + 1)
     assert {trial.seed for trial in trials}.isdisjoint(range(1000))
     assert list(shares) == list(UP_TO)
     # The nominal pose rejects 48 Ns of the 330 in the worst direction and 84 Ns in others: one or two of six sizes
     # hold, and without a step one to five of six up to 90 Ns, but nothing of the 500 Ns upwards.
-    assert 1 / 12 < shares["pelvis_push"] < 1 / 3
-    assert 1 / 2 < shares["pelvis_push_no_step"] < 1.0
+    assert 1 / 12 < shares["root_push"] < 1 / 3
+    assert 1 / 2 < shares["root_push_no_step"] < 1.0
     assert shares["combined"] < 0.3
 
 
 def test_the_better_policy_is_selected_and_carries_what_was_found(tmp_path: Path) -> None:
     for name in ("ddpg", "ppo"):
-        policy = importlib.resources.files("surefoot") / "policies" / f"{name}.onnx"
+        policy = importlib.resources.files("surefoot.agents") / "shipped" / f"{name}.onnx"
         (tmp_path / f"{name}.onnx").write_bytes(policy.read_bytes())
     candidates = [judge(file, 1) for file in files([tmp_path / "ddpg.onnx", tmp_path / "ppo.onnx"])]
     best = max(candidates, key=lambda candidate: candidate.score)
-    chosen = NetworkPolicy(shipped_bytes(best), "chosen")
+    chosen = NetworkAgent(shipped_bytes(best), "chosen")
     assert chosen.contract.training["selection"] == [{"recovered": round(best.recovered, 4), "calm": best.calm}]
     observation = np.zeros((1, 47))
     np.testing.assert_array_equal(chosen(observation, np.arange(1)), load_policy(best.file)(observation, np.arange(1)))

@@ -7,11 +7,12 @@ import time
 import numpy as np
 import pytest
 
-from surefoot.control import Imperfections
-from surefoot.disturbance import Push
+from surefoot.agents.load import load_policy
+from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
-from surefoot.policy import NominalPolicy, load_policy
-from surefoot.simulation import POLICY_HZ
+from surefoot.physics.pushes import Push
+from surefoot.rates import POLICY_HZ
+from surefoot.task.imperfections import Imperfections
 from surefoot.viewer import session as session_module
 from surefoot.viewer.player import Player
 from surefoot.viewer.session import Session, horizontal_push
@@ -43,8 +44,8 @@ def since_push(session: Session, tick: int) -> float:
     return float(session.since(session.loop.pushes, tick)[0])
 
 
-def pelvis(session: Session) -> np.ndarray:
-    return session.ticks["pelvis_position"][:, -1].copy()
+def root(session: Session) -> np.ndarray:
+    return session.ticks["root_position"][:, -1].copy()
 
 
 def test_a_robot_that_is_left_alone_stands(session):
@@ -54,7 +55,7 @@ def test_a_robot_that_is_left_alone_stands(session):
 
 
 def test_a_push_is_recovered_from_told_and_counted(session):
-    session.push(horizontal_push("pelvis", 0.0, 120.0))
+    session.push(horizontal_push("root", 0.0, 120.0))
     session.step()
     assert states(session) == [State.RECOVERING]
     assert session.loop.pushes.force[0] == pytest.approx([1000.0, 0.0, 0.0])
@@ -66,7 +67,7 @@ def test_a_push_is_recovered_from_told_and_counted(session):
 
 
 def test_a_hard_push_fells_and_the_robot_stands_up_again_by_itself(session):
-    session.push(horizontal_push("pelvis", 0.0, 480.0))
+    session.push(horizontal_push("root", 0.0, 480.0))
     live(session, 2.0)
     assert states(session) == [State.FELL]
     assert session.verdicts.fallen == 1
@@ -76,10 +77,10 @@ def test_a_hard_push_fells_and_the_robot_stands_up_again_by_itself(session):
 
 def test_a_fallen_robot_stays_down_if_told_so_until_it_is_reset(session):
     session.stands_up = False
-    session.push(horizontal_push("pelvis", 180.0, 900.0))
+    session.push(horizontal_push("root", 180.0, 900.0))
     live(session, 5.0)
     assert states(session) == [State.FELL]
-    session.push(horizontal_push("pelvis", 0.0, 30.0))
+    session.push(horizontal_push("root", 0.0, 30.0))
     live(session, 0.2)
     assert states(session) == [State.FELL], "who is down does not recover by being pushed"
     session.reset()
@@ -94,7 +95,7 @@ def test_a_push_in_the_future_begins_at_its_tick(session):
     assert since_push(session, 19) == np.inf
     session.step()
     # 0.05 s is tick 25: the fifth of the second step; five ticks long.
-    wrench = session.loop.simulation.wrench[0, :, session.robot.body_id("torso"), 1]
+    wrench = session.loop.engine.wrench[0, :, session.robot.body_id("torso"), 1]
     assert wrench == pytest.approx([0.0] * 5 + [1000.0] * 5 + [0.0] * 10)
     assert since_push(session, 4) == np.inf
     assert since_push(session, 5) == pytest.approx(-0.01)
@@ -103,7 +104,7 @@ def test_a_push_in_the_future_begins_at_its_tick(session):
 
 
 def test_an_unknown_body_is_refused_when_asked_for(session):
-    with pytest.raises(UserError, match="unknown body 'nose' of valkyrie; valid: pelvis, torso"):
+    with pytest.raises(UserError, match="unknown body 'nose' of valkyrie; valid: root, torso"):
         session.push(Push("nose", impulse=10.0))
 
 
@@ -116,15 +117,15 @@ def test_a_drop_lands_and_recovers(session):
 
 
 def test_lift_and_push_pushes_in_the_air(session):
-    height = pelvis(session)[0, 2]
-    session.lift_and_push(horizontal_push("pelvis", 0.0, 40.0))
+    height = root(session)[0, 2]
+    session.lift_and_push(horizontal_push("root", 0.0, 40.0))
     pushed_in_air = False
     for _ in range(15):
         session.step()
         is_pushed = since_push(session, 10) < 0.0 and session.loop.pushes.force[0, 0] > 0.0
         pushed_in_air |= is_pushed and not session.ticks.foot_contact[0, 10].any()
     assert pushed_in_air
-    assert pelvis(session)[0, 2] > height
+    assert root(session)[0, 2] > height
     assert states(session) == [State.RECOVERING]
 
 
@@ -135,7 +136,7 @@ def test_a_hand_pulls_until_it_lets_go(session):
     assert session.is_held.tolist() == [True]
     assert session.loop.first_pushes.force[0] == pytest.approx([0.0, 60.0, 0.0])
     assert session.since(session.loop.first_pushes, 19)[0] < 0.0
-    assert pelvis(session)[0, 1] > 0.005
+    assert root(session)[0, 1] > 0.005
     session.release(0)
     live(session, 0.08)
     assert session.since(session.loop.first_pushes, 19)[0] > 0.0
@@ -143,13 +144,13 @@ def test_a_hand_pulls_until_it_lets_go(session):
 
 
 def test_all_robots_of_a_crowd_get_the_same_push(robot):
-    crowd = Session(NominalPolicy(robot), 9, seed=1)
+    crowd = Session(NominalAgent(robot), 9, seed=1)
     live(crowd, 0.4)
-    before = pelvis(crowd)
-    crowd.push(horizontal_push("pelvis", 90.0, 60.0))
+    before = root(crowd)
+    crowd.push(horizontal_push("root", 90.0, 60.0))
     live(crowd, 0.4)
-    assert (pelvis(crowd) - before)[:, 1].min() > 0.03
-    assert np.ptp(pelvis(crowd)[:, 1]) > 1e-6, "they started from different angles"
+    assert (root(crowd) - before)[:, 1].min() > 0.03
+    assert np.ptp(root(crowd)[:, 1]) > 1e-6, "they started from different angles"
 
 
 def test_only_the_robot_that_is_held_is_disturbed(trpo):
@@ -163,10 +164,10 @@ def test_only_the_robot_that_is_held_is_disturbed(trpo):
 def test_ice_lets_feet_slide(robot):
     slid = {}
     for friction in (1.0, 0.02):
-        session = Session(NominalPolicy(robot), 1)
+        session = Session(NominalAgent(robot), 1)
         session.set_friction(friction)
         live(session, 0.4)
-        session.push(horizontal_push("pelvis", 0.0, 30.0))
+        session.push(horizontal_push("root", 0.0, 30.0))
         before = session.ticks.sole_position[0, -1, :, 0].copy()
         live(session, 0.4)
         slid[friction] = float((session.ticks.sole_position[0, -1, :, 0] - before).max())
@@ -177,7 +178,7 @@ def test_ice_lets_feet_slide(robot):
 def test_noise_on_the_observation_is_what_the_filter_lets_pass_and_can_be_switched_off(robot, monkeypatch):
     monkeypatch.setattr(session_module, "PAPER_NOISE", Imperfections(observation_noise=0.5))
     # The nominal pose looks at nothing: both robots do the same.
-    exact, noisy = Session(NominalPolicy(robot), 1), Session(NominalPolicy(robot), 1)
+    exact, noisy = Session(NominalAgent(robot), 1), Session(NominalAgent(robot), 1)
     noisy.set_noise(1.0)
     added = []
     for _ in range(100):
@@ -194,7 +195,7 @@ def test_noise_on_the_observation_is_what_the_filter_lets_pass_and_can_be_switch
     assert noisy.loop.observation == pytest.approx(exact.loop.observation, abs=1e-9)
 
 
-class NotFinite(NominalPolicy):
+class NotFinite(NominalAgent):
     """A policy that has lost its mind."""
 
     def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
@@ -210,7 +211,7 @@ def test_a_policy_that_returns_nan_is_named_and_the_robot_holds_its_pose(robot):
 
 
 def test_a_simulation_that_explodes_starts_anew(session, in_scratch_folder):
-    session.loop.simulation.state[1][0, 0] = 1e13
+    session.loop.engine.state[1][0, 0] = 1e13
     session.step()
     assert "became unstable" in session.message
     live(session, 1.0)
@@ -219,12 +220,12 @@ def test_a_simulation_that_explodes_starts_anew(session, in_scratch_folder):
 
 
 def test_another_policy_takes_over_in_the_middle(session):
-    session.push(horizontal_push("pelvis", 0.0, 24.0))
+    session.push(horizontal_push("root", 0.0, 24.0))
     live(session, 0.2)
-    before = pelvis(session)
-    session.set_policy(NominalPolicy())
+    before = root(session)
+    session.set_policy(NominalAgent())
     session.step()
-    assert np.abs(pelvis(session) - before).max() < 0.05
+    assert np.abs(root(session) - before).max() < 0.05
     assert (session.loop.nominal == session.robot.pose("bent")).all()
 
 

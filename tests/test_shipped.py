@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from surefoot.agents.load import load_policy, shipped_policies
 from surefoot.learning.probe import probe
 from surefoot.learning.selection import FIRST_ROUND
-from surefoot.policy import load_policy, shipped_policies
 
 ROUNDING = 0.04
 """Another processor rounds otherwise, and a trial near the edge may end otherwise: 5 of 120."""

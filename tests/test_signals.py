@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from surefoot.signals import Delay, LowPass, Noise, cubic_path
+from surefoot.physics.signals import Delay, LowPass, Noise, cubic_path
 
 RNG = np.random.default_rng(0)
 BLOCK = 20
@@ -112,7 +112,7 @@ def test_a_cubic_path_to_where_it_starts_stays_there() -> None:
 
 def test_a_cubic_path_is_written_where_it_is_asked_to_be() -> None:
     start, end = RNG.normal(size=(2, 5, 11))
-    wide = np.full((5, 20, 30), 7.0)  # as in the simulation, whose targets are a part of its controls
+    wide = np.full((5, 20, 30), 7.0)  # as in the engine, whose targets are a part of its controls
     path = cubic_path(start, end, 20, out=wide[..., :11])
     assert np.shares_memory(path, wide)
     np.testing.assert_array_equal(wide[..., :11], cubic_path(start, end, 20))

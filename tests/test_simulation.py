@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from conftest import PUSH, everyone, hold, plain_steps, stand
 
-from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_DT, POLICY_DT, TICKS_PER_STEP, Simulation
-from surefoot.ticks import Ticks, sole_corners
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.step_record import StepRecord, sole_corners
+from surefoot.rates import CONTROL_DT, POLICY_DT, TICKS_PER_STEP
+from surefoot.robots.robot import Robot
 
 
 def random_targets(robot: Robot, num_robots: int, seed: int = 0) -> np.ndarray:
@@ -19,26 +20,26 @@ def random_targets(robot: Robot, num_robots: int, seed: int = 0) -> np.ndarray:
 
 def test_the_batch_equals_a_loop_of_mj_step_bit_for_bit(robot: Robot) -> None:
     targets = random_targets(robot, 3)
-    simulation = stand(robot, 3, height=0.01)
-    simulation.wrench[:, :, robot.body_id("torso"), :3] = PUSH
-    batch = np.concatenate([simulation.step(targets).record.copy() for _ in range(5)], axis=1)
+    engine = stand(robot, 3, height=0.01)
+    engine.wrench[:, :, robot.body_id("torso"), :3] = PUSH
+    batch = np.concatenate([engine.step(targets).record.copy() for _ in range(5)], axis=1)
     for i in range(3):
         _, data, ticks = plain_steps(robot, np.tile(targets[i], (5, 1)), PUSH)
         np.testing.assert_array_equal(batch[i], ticks.record[0])
-        np.testing.assert_array_equal(simulation.state[0][i], data.qpos)
-        np.testing.assert_array_equal(simulation.state[1][i], data.qvel)
+        np.testing.assert_array_equal(engine.state[0][i], data.qpos)
+        np.testing.assert_array_equal(engine.state[1][i], data.qvel)
     # The robots did land and move.
     assert (batch[:, -1] != batch[:, 0]).any()
-    assert Ticks(robot, simulation.layout, batch).foot_contact.any()
+    assert StepRecord(robot, engine.layout, batch).foot_contact.any()
 
 
 def test_one_thread_and_two_threads_give_the_same_bits(robot: Robot) -> None:
     targets = random_targets(robot, 8)
     records = []
     for num_threads in (1, 2):
-        simulation = stand(robot, 8, num_threads)
-        simulation.wrench[:, :, 1, :3] = np.arange(8)[:, None, None] * 30.0
-        records.append([simulation.step(targets).record.copy() for _ in range(10)])
+        engine = stand(robot, 8, num_threads)
+        engine.wrench[:, :, 1, :3] = np.arange(8)[:, None, None] * 30.0
+        records.append([engine.step(targets).record.copy() for _ in range(10)])
     np.testing.assert_array_equal(*records)
 
 
@@ -52,57 +53,57 @@ def test_a_robots_motion_does_not_depend_on_who_else_is_in_the_batch(robot: Robo
 
 def test_a_policy_step_is_20_ticks_of_2_ms(robot: Robot) -> None:
     assert (TICKS_PER_STEP, CONTROL_DT, POLICY_DT) == (20, 0.002, 0.04)
-    simulation = stand(robot, 1, height=2.0)
-    ticks = simulation.step(hold(robot, 1))
-    assert simulation.model.opt.timestep == CONTROL_DT
+    engine = stand(robot, 1, height=2.0)
+    ticks = engine.step(hold(robot, 1))
+    assert engine.model.opt.timestep == CONTROL_DT
     # Falling freely, tick k is recorded k steps of 2 ms after the beginning: v = -g k dt. The second one fell further.
     expected = -robot.gravity * CONTROL_DT * np.arange(TICKS_PER_STEP)
     np.testing.assert_allclose(ticks.com_velocity[0, :, 2], expected, atol=2e-5)
-    following = simulation.step(hold(robot, 1))
+    following = engine.step(hold(robot, 1))
     np.testing.assert_allclose(following.com_velocity[0, :, 2], expected - robot.gravity * POLICY_DT, atol=2e-5)
     assert len(following) == 20
 
 
 def test_stepping_some_robots_leaves_the_others_untouched(robot: Robot) -> None:
     targets = random_targets(robot, 4)
-    simulation, reference = stand(robot, 4), stand(robot, 4)
-    for each in (simulation, reference):
+    engine, reference = stand(robot, 4), stand(robot, 4)
+    for each in (engine, reference):
         each.step(targets)
-    qpos, qvel = (state.copy() for state in simulation.state)
+    qpos, qvel = (state.copy() for state in engine.state)
     ids = np.array([1, 3])
-    some = simulation.step(targets[ids], ids).record.copy()
-    np.testing.assert_array_equal(simulation.state[0][[0, 2]], qpos[[0, 2]])
-    np.testing.assert_array_equal(simulation.state[1][[0, 2]], qvel[[0, 2]])
-    assert (simulation.state[0][ids] != qpos[ids]).any()
+    some = engine.step(targets[ids], ids).record.copy()
+    np.testing.assert_array_equal(engine.state[0][[0, 2]], qpos[[0, 2]])
+    np.testing.assert_array_equal(engine.state[1][[0, 2]], qvel[[0, 2]])
+    assert (engine.state[0][ids] != qpos[ids]).any()
     # They moved as they would have in the company of all, and so do those who waited once it is their turn.
     every = reference.step(targets).record.copy()
     np.testing.assert_array_equal(some, every[ids])
-    np.testing.assert_array_equal(simulation.step(targets[[0, 2]], np.array([0, 2])).record, every[[0, 2]])
+    np.testing.assert_array_equal(engine.step(targets[[0, 2]], np.array([0, 2])).record, every[[0, 2]])
 
 
 @pytest.mark.parametrize("ids", [[0, 2], [2, 0], [2, 0, 1]], ids=["sorted", "some", "all"])
 def test_ids_out_of_order_are_honoured_or_refused_but_never_mixed_up(robot: Robot, ids: list[int]) -> None:
     targets = random_targets(robot, 3)
-    reference, simulation = stand(robot, 3), stand(robot, 3)
+    reference, engine = stand(robot, 3), stand(robot, 3)
     expected = reference.step(targets).record.copy()
     try:
-        record = simulation.step(targets[ids], np.array(ids)).record
+        record = engine.step(targets[ids], np.array(ids)).record
     except ValueError:
         assert ids != sorted(ids)
         return
     np.testing.assert_array_equal(record, expected[ids])
-    np.testing.assert_array_equal(simulation.state[0][ids], reference.state[0][ids])
+    np.testing.assert_array_equal(engine.state[0][ids], reference.state[0][ids])
 
 
 def test_read_gives_the_state_of_the_robots_asked_for(robot: Robot) -> None:
-    simulation = stand(robot, 3)
+    engine = stand(robot, 3)
     joints = robot.pose("bent") + np.array([[0.1], [0.2], [0.3]])
-    simulation.reset(everyone(simulation), joints, height=1.0)
-    np.testing.assert_array_equal(simulation.read(np.array([2, 0])).joint_position[:, 0], joints[[2, 0]])
+    engine.reset(everyone(engine), joints, height=1.0)
+    np.testing.assert_array_equal(engine.read(np.array([2, 0])).joint_position[:, 0], joints[[2, 0]])
 
 
 def test_a_copied_state_moves_on_as_the_original_bit_for_bit(robot: Robot) -> None:
-    original, copy = stand(robot, 3), Simulation(robot, 3, num_threads=1)
+    original, copy = stand(robot, 3), MujocoEngine(robot, 3, num_threads=1)
     for seed in range(4):
         original.step(random_targets(robot, 3, seed))
     copy.copy_state(original)
@@ -124,16 +125,16 @@ def test_bare_physics_under_copied_controls_moves_as_a_step_does(robot: Robot) -
 
 
 def test_reset_stands_the_robots_where_it_is_told(robot: Robot) -> None:
-    simulation = Simulation(robot, 3, num_threads=1)
+    engine = MujocoEngine(robot, 3, num_threads=1)
     joints = np.random.default_rng(1).uniform(-0.06, 0.1, (3, robot.num_joints))
     yaw, height = np.array([0.0, 0.5, -2.5]), np.array([0.0, 0.2, 0.55])
-    start = simulation.reset(np.arange(3), joints, yaw, height)
+    start = engine.reset(np.arange(3), joints, yaw, height)
     assert len(start) == 1
     np.testing.assert_array_equal(start.joint_position[:, 0], joints)
     np.testing.assert_array_equal(start.joint_velocity, 0.0)
     np.testing.assert_array_equal(start.com_velocity, 0.0)
     np.testing.assert_allclose(start.heading[:, 0], np.exp(1j * np.asarray(yaw)), atol=1e-15)
-    np.testing.assert_allclose(start.pelvis_uprightness, 1.0)
+    np.testing.assert_allclose(start.root_uprightness, 1.0)
     # The feet are tilted by up to 0.1 + 0.1 rad, so that the lowest corner is below the soles' centres.
     corners = sole_corners(start.sole_position, start.foot_orientation, robot.sole_half_size)
     # Put down 1 um deep, so that a sole on the floor touches it for certain.
@@ -143,27 +144,27 @@ def test_reset_stands_the_robots_where_it_is_told(robot: Robot) -> None:
 
 
 def test_reset_of_one_robot_leaves_the_others_and_forgets_its_past(robot: Robot) -> None:
-    simulation = stand(robot, 3)
+    engine = stand(robot, 3)
     for _ in range(3):
-        simulation.step(random_targets(robot, 3))
-    before = simulation.state[0].copy()
-    simulation.reset(np.array([1]), robot.pose("bent")[None])
-    np.testing.assert_array_equal(simulation.state[0][[0, 2]], before[[0, 2]])
+        engine.step(random_targets(robot, 3))
+    before = engine.state[0].copy()
+    engine.reset(np.array([1]), robot.pose("bent")[None])
+    np.testing.assert_array_equal(engine.state[0][[0, 2]], before[[0, 2]])
     targets = random_targets(robot, 1, seed=5)
-    again = simulation.step(targets, np.array([1])).record.copy()
+    again = engine.step(targets, np.array([1])).record.copy()
     np.testing.assert_array_equal(again, stand(robot, 1).step(targets).record)
 
 
 # Wrenches.
 
 
-@pytest.mark.parametrize("body", ["pelvis", "torso", "left_shank"])
+@pytest.mark.parametrize("body", ["root", "torso", "left_shank"])
 def test_a_force_for_120_ms_changes_the_momentum_by_its_impulse_plus_gravitys(robot: Robot, body: str) -> None:
-    simulation = stand(robot, 1, height=5.0)
-    simulation.wrench[:, :, robot.body_id(body), :3] = PUSH
-    velocities = [simulation.step(hold(robot, 1)).com_velocity[0].copy() for _ in range(3)]
-    simulation.wrench[:] = 0.0
-    velocities.append(simulation.step(hold(robot, 1)).com_velocity[0].copy())
+    engine = stand(robot, 1, height=5.0)
+    engine.wrench[:, :, robot.body_id(body), :3] = PUSH
+    velocities = [engine.step(hold(robot, 1)).com_velocity[0].copy() for _ in range(3)]
+    engine.wrench[:] = 0.0
+    velocities.append(engine.step(hold(robot, 1)).com_velocity[0].copy())
     change = robot.mass * (velocities[3][0] - velocities[0][0])
     # 60 ticks * 2 ms = 0.12 s: J = (36, -18, 9.6) Ns; gravity -1346.33 N * 0.12 s = -161.56 Ns
     np.testing.assert_allclose(change, [36.0, -18.0, 9.6 - 161.56], atol=0.05)
@@ -173,9 +174,9 @@ def test_a_force_for_120_ms_changes_the_momentum_by_its_impulse_plus_gravitys(ro
 
 
 def test_each_tick_has_its_own_wrench(robot: Robot) -> None:
-    simulation = stand(robot, 2, height=5.0)
-    simulation.wrench[1, 5, robot.body_id("pelvis"), 1] = 1000.0  # one tick: 1000 N * 2 ms = 2 Ns
-    velocity = simulation.step(hold(robot, 2)).com_velocity[..., 1]
+    engine = stand(robot, 2, height=5.0)
+    engine.wrench[1, 5, robot.body_id("root"), 1] = 1000.0  # one tick: 1000 N * 2 ms = 2 Ns
+    velocity = engine.step(hold(robot, 2)).com_velocity[..., 1]
     np.testing.assert_allclose(velocity[0], 0.0, atol=1e-6)
     np.testing.assert_allclose(velocity[1, :6], 0.0, atol=1e-6)
     np.testing.assert_allclose(velocity[1, 6:], 2.0 / 137.2875, rtol=1e-3)
@@ -184,85 +185,83 @@ def test_each_tick_has_its_own_wrench(robot: Robot) -> None:
 # Divergence.
 
 
-def diverge(robot: Robot, simulation: Simulation, who: int) -> Ticks:
-    targets = hold(robot, simulation.num_robots)
+def diverge(robot: Robot, engine: MujocoEngine, who: int) -> StepRecord:
+    targets = hold(robot, engine.num_robots)
     targets[who] = np.nan
-    return simulation.step(targets)
+    return engine.step(targets)
 
 
 @pytest.mark.usefixtures("in_scratch_folder")
 def test_a_robot_that_diverges_is_flagged_and_counted_and_its_record_is_finite(robot: Robot) -> None:
-    simulation = stand(robot, 4)
-    assert (simulation.diverged.tolist(), simulation.num_diverged) == ([False] * 4, 0)
-    ticks = diverge(robot, simulation, 2)
-    assert (simulation.diverged.tolist(), simulation.num_diverged) == ([False, False, True, False], 1)
+    engine = stand(robot, 4)
+    assert (engine.diverged.tolist(), engine.num_diverged) == ([False] * 4, 0)
+    ticks = diverge(robot, engine, 2)
+    assert (engine.diverged.tolist(), engine.num_diverged) == ([False, False, True, False], 1)
     assert np.isfinite(ticks.record).all()
-    assert np.isfinite(simulation.state[0]).all()
-    simulation.step(hold(robot, 4))
-    assert (simulation.diverged.tolist(), simulation.num_diverged) == ([False] * 4, 1)
+    assert np.isfinite(engine.state[0]).all()
+    engine.step(hold(robot, 4))
+    assert (engine.diverged.tolist(), engine.num_diverged) == ([False] * 4, 1)
 
 
 @pytest.mark.usefixtures("in_scratch_folder")
 @pytest.mark.parametrize("cause", ["target", "wrench", "velocity"])
 def test_whatever_became_non_finite_is_noticed(robot: Robot, cause: str) -> None:
-    simulation = stand(robot, 3)
+    engine = stand(robot, 3)
     targets = hold(robot, 3)
     if cause == "target":
         targets[1, 7, 3] = np.inf
     elif cause == "wrench":
-        simulation.wrench[1, 7, 1, 2] = np.nan
+        engine.wrench[1, 7, 1, 2] = np.nan
     else:
-        simulation.state[1][1, 8] = np.nan
-    ticks = simulation.step(targets)
-    assert simulation.diverged.tolist() == [False, True, False]
+        engine.state[1][1, 8] = np.nan
+    ticks = engine.step(targets)
+    assert engine.diverged.tolist() == [False, True, False]
     assert np.isfinite(ticks.record).all()
 
 
 @pytest.mark.usefixtures("in_scratch_folder")
 def test_a_robot_that_diverges_does_not_change_a_bit_of_the_others(robot: Robot) -> None:
     targets = random_targets(robot, 4)
-    simulation, reference = stand(robot, 4), stand(robot, 4)
+    engine, reference = stand(robot, 4), stand(robot, 4)
     broken = targets.copy()
     broken[2, 3:] = np.nan
-    simulation.step(broken)
+    engine.step(broken)
     reference.step(targets)
     for _ in range(3):
-        np.testing.assert_array_equal(
-            simulation.step(targets).record[[0, 1, 3]], reference.step(targets).record[[0, 1, 3]]
-        )
+        np.testing.assert_array_equal(engine.step(targets).record[[0, 1, 3]], reference.step(targets).record[[0, 1, 3]])
 
 
 @pytest.mark.usefixtures("in_scratch_folder")
 def test_a_robot_that_diverges_is_put_back_to_its_default_state(robot: Robot) -> None:
-    simulation = stand(robot, 2)
-    diverge(robot, simulation, 1)
-    np.testing.assert_allclose(simulation.state[0][1], simulation.model.qpos0, atol=0.01)
-    np.testing.assert_allclose(simulation.state[1][1], 0.0, atol=0.1)
+    engine = stand(robot, 2)
+    diverge(robot, engine, 1)
+    np.testing.assert_allclose(engine.state[0][1], engine.model.qpos0, atol=0.01)
+    np.testing.assert_allclose(engine.state[1][1], 0.0, atol=0.1)
 
 
 @pytest.mark.usefixtures("in_scratch_folder")
 def test_a_robot_that_diverges_again_after_a_reset_is_flagged_again(robot: Robot) -> None:
-    simulation = stand(robot, 2)
+    engine = stand(robot, 2)
     for count in (1, 2, 3):
-        diverge(robot, simulation, 1)
-        assert simulation.diverged.tolist() == [False, True]
-        assert simulation.num_diverged == count
-        simulation.reset(np.array([1]), robot.pose("bent")[None])
+        diverge(robot, engine, 1)
+        assert engine.diverged.tolist() == [False, True]
+        assert engine.num_diverged == count
+        engine.reset(np.array([1]), robot.pose("bent")[None])
 
 
 @pytest.mark.usefixtures("in_scratch_folder")
 def test_a_robot_that_diverges_in_a_partial_step_is_flagged_by_its_own_number(robot: Robot) -> None:
-    simulation = stand(robot, 4)
+    engine = stand(robot, 4)
     targets = hold(robot, 2)
     targets[1] = np.nan
-    ticks = simulation.step(targets, np.array([1, 3]))
-    assert simulation.diverged.tolist() == [False, False, False, True]
+    ticks = engine.step(targets, np.array([1, 3]))
+    assert engine.diverged.tolist() == [False, False, False, True]
     assert np.isfinite(ticks.record).all()
 
 
 def test_the_world_is_left_silent_by_a_healthy_run(robot: Robot) -> None:
-    simulation = stand(robot, 2)
+    engine = stand(robot, 2)
     for _ in range(10):
-        simulation.step(random_targets(robot, 2))
-    assert simulation.num_diverged == 0
-    assert not simulation.batch.warning[..., 1].any()
+        engine.step(random_targets(robot, 2))
+    assert engine.num_diverged == 0
+    assert not engine.batch.warning[..., 1].any()

@@ -6,23 +6,25 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from surefoot.control import ControlLoop
-from surefoot.policy import NominalPolicy, Policy, load_policy
-from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP
-from surefoot.strategies import HABIT, Step, Strategies, StrategyWatch
-from surefoot.ticks import Ticks
+from surefoot.agents.agent import Policy
+from surefoot.agents.load import load_policy
+from surefoot.agents.nominal import NominalAgent
+from surefoot.evaluation.strategies import HABIT, Step, Strategies, StrategyWatch
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.robots.robot import Robot
+from surefoot.task.control_loop import ControlLoop
 
 FORWARD, BACKWARD, LEFT = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 EVERYONE = np.array([0])
 HALF_WEIGHT = 673.0
-Alter = Callable[..., Ticks]
+Alter = Callable[..., StepRecord]
 
 
 class Story:
     """One robot's ticks, written policy step by policy step: half a second at rest, then what a test makes of it."""
 
-    def __init__(self, robot: Robot, standing: Ticks, altered: Alter):
+    def __init__(self, robot: Robot, standing: StepRecord, altered: Alter):
         self.standing, self.altered = standing, altered
         soles = standing.sole_position[0, -1]
         self.sole = {"left": soles[0], "right": soles[1]}
@@ -31,7 +33,7 @@ class Story:
         for _ in range(13):
             self.goes_on(before=True)
 
-    def ticks(self, **sensors: object) -> Ticks:
+    def ticks(self, **sensors: object) -> StepRecord:
         """Standing ticks with flat feet, each with half of the weight at its centre, but for the given sensors."""
         feet: dict[str, object] = {}
         for side, sole in self.sole.items():
@@ -50,7 +52,7 @@ class Story:
 
 
 @pytest.fixture
-def story(robot: Robot, standing: Ticks, altered: Alter) -> Story:
+def story(robot: Robot, standing: StepRecord, altered: Alter) -> Story:
     return Story(robot, standing, altered)
 
 
@@ -212,7 +214,7 @@ def test_steps_before_the_disturbance_do_not_count(story: Story) -> None:
 def test_reset_forgets_one_robot_and_leaves_the_other(robot: Robot, story: Story) -> None:
     watch, both = StrategyWatch(robot, 2), np.array([0, 1])
     ticks = story.ticks()
-    pair = Ticks(robot, ticks._layout, np.repeat(ticks.record, 2, axis=0))
+    pair = StepRecord(robot, ticks._layout, np.repeat(ticks.record, 2, axis=0))
     watch.reset(both, pair)
     ahead = story.ticks(**pressure_ahead(story, 0.05))
     watch.update(np.array([1]), ahead, np.ones((1, TICKS_PER_STEP), bool))
@@ -232,7 +234,7 @@ def test_strategies_in_words() -> None:
 
 
 def watch_pushes(policy: Policy, robot: Robot, pushes: list[tuple[tuple[float, float, float], float]]) -> StrategyWatch:
-    """Pushes (direction, impulse [Ns]) at the pelvis after one second, watched for five more, one robot each."""
+    """Pushes (direction, impulse [Ns]) at the root after one second, watched for five more, one robot each."""
     num_robots, ids = len(pushes), np.arange(len(pushes))
     contract = policy.contract
     loop = ControlLoop(robot, num_robots, np.array(contract.nominal_pose), contract.action_scale, num_threads=1)
@@ -240,7 +242,7 @@ def watch_pushes(policy: Policy, robot: Robot, pushes: list[tuple[tuple[float, f
     watch.reset(ids, loop.reset(ids, np.tile(loop.nominal, (num_robots, 1))))
     impulses = np.array([impulse * np.array(direction) for direction, impulse in pushes])
     start = np.full(num_robots, CONTROL_HZ + 7)
-    loop.pushes.schedule(ids, np.full(num_robots, robot.body_id("pelvis")), impulses, start, 0.12)
+    loop.pushes.schedule(ids, np.full(num_robots, robot.body_id("root")), impulses, start, 0.12)
     for _ in range(6 * CONTROL_HZ // TICKS_PER_STEP):
         first = loop.tick[:, None].copy()
         ticks = loop.step(policy(loop.observation, ids), ids)
@@ -250,7 +252,7 @@ def watch_pushes(policy: Policy, robot: Robot, pushes: list[tuple[tuple[float, f
 
 def test_the_stiff_nominal_pose_uses_ankles_and_then_its_soles_edges(robot: Robot) -> None:
     pushes = [(FORWARD, 0.0), (FORWARD, 24.0), (BACKWARD, 24.0), (LEFT, 24.0), (FORWARD, 60.0), (LEFT, 60.0)]
-    watch = watch_pushes(NominalPolicy(robot), robot, pushes)
+    watch = watch_pushes(NominalAgent(robot), robot, pushes)
     rest, *small, hard_forward, hard_left = [watch.strategies(i) for i in range(len(pushes))]
     assert rest == Strategies()
     assert small == [Strategies(ankle=True)] * 3

@@ -10,16 +10,16 @@ import pytest
 from conftest import an_outcome
 from rich.console import Console
 
-from surefoot import paper, tables
-from surefoot.climb import Threshold
-from surefoot.evaluation import run_scenarios
-from surefoot.judge import Outcome
-from surefoot.policy import NominalPolicy
-from surefoot.results import Results
-from surefoot.robot import Robot
-from surefoot.scenarios import PAPER, Scenario
-from surefoot.tables import Table
-from surefoot.trials import Trial
+from surefoot.agents.nominal import NominalAgent
+from surefoot.evaluation.evaluate import run_scenarios
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.results import Results
+from surefoot.evaluation.scenarios import PAPER, Scenario
+from surefoot.evaluation.threshold_search import Threshold
+from surefoot.evaluation.trials import Trial
+from surefoot.report import paper, tables
+from surefoot.report.tables import Table
+from surefoot.robots.robot import Robot
 
 BY_NAME = {scenario.name: scenario for scenario in PAPER}
 
@@ -57,8 +57,8 @@ def test_a_terminal_shows_what_stands_in_brackets() -> None:
 def test_over_seeds_the_median_and_the_range_of_the_worse_direction_are_told() -> None:
     # forward, left, backward, right: sagittal 210, 240, 300 and lateral 90, 240, 150; one seed of ppo is no spread.
     seeds = ([300, 90, 210, 120], [240, 300, 300, 240], [330, 150, 300, 180])
-    several = [("trpo", found("pelvis_push", sizes)) for sizes in seeds]
-    table = tables.seeds_table([*several, ("ppo", found("pelvis_push", seeds[0]))])
+    several = [("trpo", found("root_push", sizes)) for sizes in seeds]
+    table = tables.seeds_table([*several, ("ppo", found("root_push", seeds[0]))])
     assert table.rows == [["trpo", "3", "240", "210 to 300", "240", "150", "90 to 240", "78"]]
 
 
@@ -102,7 +102,7 @@ def first_joints(robot: Robot) -> dict[str, str]:
 
 
 def test_table_1_shows_the_worse_side_beside_the_papers(robot: Robot) -> None:
-    table = tables.table_1({"trpo": found("pelvis_push", (240.0, 90.0, 120.0, 84.0))}, robot)
+    table = tables.table_1({"trpo": found("root_push", (240.0, 90.0, 120.0, 84.0))}, robot)
     assert table.rows[0] == ["trpo", "240", "90", "120", "84", "120", "240", "84", "78"]
     # Equation (6): the paper's 53 and 78 Ns stand beside ours.
     equation = table.rows[-1]
@@ -111,9 +111,9 @@ def test_table_1_shows_the_worse_side_beside_the_papers(robot: Robot) -> None:
 
 
 def test_the_worst_table_has_a_row_per_policy_and_a_column_per_scenario(robot: Robot) -> None:
-    ours = [*found("pelvis_push", (120, 90, 150, 96)), *found("torso_push", (60, 66, 72, 54))]
+    ours = [*found("root_push", (120, 90, 150, 96)), *found("torso_push", (60, 66, 72, 54))]
     table = tables.worst_table({"ours": ours, "theirs": found("torso_push", (30, 36, 42, 48))})
-    assert table.columns == ["", "pelvis push [Ns]", "torso push [Ns]"]
+    assert table.columns == ["", "root push [Ns]", "torso push [Ns]"]
     assert table.rows == [["ours", "90", "54"], ["theirs", "", "30"]]
 
 
@@ -140,9 +140,7 @@ def test_table_3_shows_the_torque_about_the_com_at_the_worst_direction(robot: Ro
 
 
 def test_table_4_shows_the_papers_studies_as_their_own_figures_give_them(robot: Robot) -> None:
-    thresholds = found("pelvis_push", (240.0, 90.0, 120.0, 84.0)) + found(
-        "pelvis_push_no_step", (72.0, 66.0, 54.0, 78.0)
-    )
+    thresholds = found("root_push", (240.0, 90.0, 120.0, 84.0)) + found("root_push_no_step", (72.0, 66.0, 54.0, 78.0))
     table = tables.table_4({"mine": thresholds}, robot)
     assert row_of(table, "F Yang 2018, sagittal")["[Ns/kg]"] == "1.75"
     assert row_of(table, "F Yang 2018, sagittal")["printed"] == "1.73"
@@ -199,19 +197,19 @@ def test_the_median_of_steps_is_that_of_the_worst_directions_threshold() -> None
 def test_scenarios_of_a_users_own_directions_fit_into_no_table_of_the_paper(robot: Robot) -> None:
     thresholds = [
         Threshold(line, 60.0, 40, 40, 0.9, 1.0, "share")
-        for name in ("pelvis_push", "pelvis_push_no_step", "torso_push")
+        for name in ("root_push", "root_push_no_step", "torso_push")
         for line in Scenario(name, directions=(45.0,)).lines()
     ]
-    titles = [table.title for table in tables.all_tables(NominalPolicy(), thresholds, {}, {}, robot)]
+    titles = [table.title for table in tables.all_tables(NominalAgent(), thresholds, {}, {}, robot)]
     assert [title.split(":")[0] for title in titles] == [
-        "Rejected impulse at the pelvis", "Largest recovered disturbance"
+        "Rejected impulse at the root", "Largest recovered disturbance"
     ]  # fmt: skip
     assert len(tables.table_1({"mine": thresholds}, robot).rows) == 1  # equation (6)
 
 
 def test_a_small_real_run_fills_its_tables(robot: Robot, tmp_path) -> None:
     """Three trials of the stiff pose, pushed by 240 Ns, dropped and left alone."""
-    policy = NominalPolicy(robot)
+    policy = NominalAgent(robot)
     scenarios = [
         Scenario(name, search="", directions=1, trials=1, horizon=2.0, calm_from=0.0, **change)
         for name, change in (("sagittal_240", {"impulse": 240.0}), ("drop_055", {"drop": 0.55}), ("standing", {}))
@@ -233,7 +231,7 @@ def test_a_small_real_run_fills_its_tables(robot: Robot, tmp_path) -> None:
 
 
 def test_table_4_shows_what_is_rebuilt_below_what_is_quoted(robot: Robot) -> None:
-    thresholds = found("pelvis_push", (240.0, 126.0, 204.0, 120.0))
+    thresholds = found("root_push", (240.0, 126.0, 204.0, 120.0))
     assert tables.has_table_4("controllers/urata2011", thresholds)
     assert not tables.has_table_4("mine", thresholds)
     rows = tables.table_4({"controllers/urata2011": thresholds}, robot).rows

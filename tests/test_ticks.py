@@ -8,16 +8,17 @@ import pytest
 from conftest import PUSH, TOTAL_MASS, hold, plain_steps, stand
 from scipy.spatial.transform import Rotation
 
-from surefoot import balance
-from surefoot.robot import Robot
-from surefoot.simulation import CONTROL_DT, Simulation
-from surefoot.ticks import Ticks, roll_pitch, sole_corners, uprightness
+from surefoot.physics import balance
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.step_record import StepRecord, roll_pitch, sole_corners, uprightness
+from surefoot.rates import CONTROL_DT
+from surefoot.robots.robot import Robot
 
 # Named quantities against MuJoCo's own, in the middle of a pushed motion.
 
 
 @pytest.fixture(scope="module")
-def motion(robot: Robot) -> tuple[mujoco.MjModel, mujoco.MjData, Ticks]:
+def motion(robot: Robot) -> tuple[mujoco.MjModel, mujoco.MjData, StepRecord]:
     """0.4 s of a bent robot that lands and is pushed at its torso; `data` is what gave the last tick."""
     return plain_steps(robot, hold(robot, 10).reshape(-1, robot.num_joints), PUSH)
 
@@ -67,7 +68,7 @@ def test_joint_torques_are_those_of_the_actuators(motion: tuple) -> None:
     assert np.abs(ticks.joint_torque[0, -1]).max() > 1.0
 
 
-def test_power_is_the_sum_of_torque_times_speed_over_the_joints(motion: tuple, standing: Ticks, altered) -> None:
+def test_power_is_the_sum_of_torque_times_speed_over_the_joints(motion: tuple, standing: StepRecord, altered) -> None:
     _, _, ticks = motion
     by_hand = sum(abs(ticks.joint_torque[0, 7, j] * ticks.joint_velocity[0, 7, j]) for j in range(11))
     assert ticks.power[0, 7] == pytest.approx(by_hand, rel=1e-12)
@@ -88,7 +89,7 @@ def test_the_capture_point_is_the_com_plus_its_speed_times_the_pendulums_time(mo
     assert np.abs(expected - com[:2]).max() > 0.05
 
 
-def test_the_com_height_is_over_the_lower_sole(standing: Ticks, altered) -> None:
+def test_the_com_height_is_over_the_lower_sole(standing: StepRecord, altered) -> None:
     ticks = altered(
         standing, com_position=(0.0, 0.0, 1.5), left_sole_position=(0, 0, 0.3), right_sole_position=(0, 0, 0.1)
     )
@@ -98,7 +99,7 @@ def test_the_com_height_is_over_the_lower_sole(standing: Ticks, altered) -> None
 # Standing.
 
 
-def test_a_standing_robots_feet_carry_its_weight(standing: Ticks, robot: Robot) -> None:
+def test_a_standing_robots_feet_carry_its_weight(standing: StepRecord, robot: Robot) -> None:
     # 137.2875 kg * 9.806651 m/s^2 = 1346.33 N
     np.testing.assert_allclose(standing.foot_force.sum(axis=-1), 1346.33, rtol=2e-3)
     # The robot is almost symmetric: each foot carries half within 1 %.
@@ -107,7 +108,7 @@ def test_a_standing_robots_feet_carry_its_weight(standing: Ticks, robot: Robot) 
     assert not standing.non_foot_contact.any()
 
 
-def test_a_standing_robots_centre_of_pressure_is_below_its_com_and_inside_its_soles(standing: Ticks) -> None:
+def test_a_standing_robots_centre_of_pressure_is_below_its_com_and_inside_its_soles(standing: StepRecord) -> None:
     pressure, com = standing.center_of_pressure[0, -1], standing.com_position[0, -1, :2]
     np.testing.assert_allclose(pressure, com, atol=0.005)
     polygon = standing.support_polygon(0, -1)
@@ -115,7 +116,7 @@ def test_a_standing_robots_centre_of_pressure_is_below_its_com_and_inside_its_so
         assert balance.margin(polygon, pressure, direction) > 0.02
 
 
-def test_the_centre_of_pressure_weighs_the_feet_by_their_force(standing: Ticks, altered) -> None:
+def test_the_centre_of_pressure_weighs_the_feet_by_their_force(standing: StepRecord, altered) -> None:
     # found, force (3), torque (3), point (3), ...: 300 N at y = 0.1 and 100 N at y = -0.3 -> y = (30 - 30) / 400 = 0
     rest = [0.0] * (standing["left_foot_contact"].shape[-1] - 10)
     left = [4, 0, 0, 300, 0, 0, 0, 0.2, 0.1, 0.0, *rest]
@@ -134,7 +135,7 @@ def test_there_is_no_centre_of_pressure_and_no_support_in_the_air(robot: Robot) 
     assert ticks.support_polygon(0, 0).shape == (0, 2)
 
 
-def test_the_support_polygon_of_both_flat_feet_spans_both_soles(standing: Ticks) -> None:
+def test_the_support_polygon_of_both_flat_feet_spans_both_soles(standing: StepRecord) -> None:
     polygon = standing.support_polygon(0, -1)
     # 0.27 m long, 2 * 0.1377 + 0.16 = 0.4354 m wide; the feet have settled by at most some millimetres
     np.testing.assert_allclose(np.ptp(polygon, axis=0), [0.27, 2 * 0.1377 + 0.16], atol=0.003)
@@ -144,14 +145,14 @@ def test_the_support_polygon_of_both_flat_feet_spans_both_soles(standing: Ticks)
 
 
 def test_the_flat_support_polygon_counts_both_soles_also_in_the_air(robot: Robot) -> None:
-    start = Simulation(robot, 1, num_threads=1).reset(np.array([0]), robot.pose("straight")[None], height=1.0)
+    start = MujocoEngine(robot, 1, num_threads=1).reset(np.array([0]), robot.pose("straight")[None], height=1.0)
     assert not start.foot_contact.any()
-    x, y = 0.034874125, 0.1377046  # the sole's centre from the pelvis, URDF
+    x, y = 0.034874125, 0.1377046  # the sole's centre from the root, URDF
     corners = [(x - 0.135, -y - 0.08), (x + 0.135, -y - 0.08), (x + 0.135, y + 0.08), (x - 0.135, y + 0.08)]
     np.testing.assert_allclose(start.flat_support_polygon(), corners, atol=1e-9)
 
 
-def test_the_support_of_one_foot_is_that_foots_sole(standing: Ticks, altered) -> None:
+def test_the_support_of_one_foot_is_that_foots_sole(standing: StepRecord, altered) -> None:
     contact = standing["right_foot_contact"][0, -1].copy()
     contact[:] = 0.0
     ticks = altered(standing, right_foot_contact=contact)
@@ -162,7 +163,7 @@ def test_the_support_of_one_foot_is_that_foots_sole(standing: Ticks, altered) ->
     np.testing.assert_array_equal(ticks.support_center, standing.sole_position[:, :, 0, :2])
 
 
-def test_the_support_centre_is_between_both_feet_and_also_in_the_air(standing: Ticks, altered) -> None:
+def test_the_support_centre_is_between_both_feet_and_also_in_the_air(standing: StepRecord, altered) -> None:
     left, right = standing.sole_position[0, -1, :, :2]
     np.testing.assert_allclose(standing.support_center[0, -1], 0.5 * (left + right), atol=1e-15)
     nothing = np.zeros(standing["left_foot_contact"].shape[-1])
@@ -172,29 +173,29 @@ def test_the_support_centre_is_between_both_feet_and_also_in_the_air(standing: T
 
 @pytest.mark.parametrize("turn", [(0.0, 0.5 * np.pi), (0.0, -0.5 * np.pi), (0.5 * np.pi, 0.0)], ids=str)
 def test_a_robot_on_the_floor_has_non_foot_contact(robot: Robot, turn: tuple[float, float]) -> None:
-    simulation = stand(robot, 2)
-    qpos, _ = simulation.state
+    engine = stand(robot, 2)
+    qpos, _ = engine.state
     roll, pitch = turn
     qpos[1, 3:7] = Rotation.from_euler("YX", [pitch, roll]).as_quat(scalar_first=True)
     qpos[1, 2] = 0.12
-    ticks = simulation.step(hold(robot, 2))
+    ticks = engine.step(hold(robot, 2))
     assert ticks.non_foot_contact[1, :10].all()  # then it bounces
     assert not ticks.non_foot_contact[0].any()
 
 
 def test_a_falling_robot_has_non_foot_contact_only_once_it_lies(robot: Robot) -> None:
-    simulation = stand(robot, 1)
-    simulation.wrench[:, :, robot.body_id("pelvis"), 0] = 3000.0
-    simulation.step(hold(robot, 1))
-    simulation.wrench[:] = 0.0
+    engine = stand(robot, 1)
+    engine.wrench[:, :, robot.body_id("root"), 0] = 3000.0
+    engine.step(hold(robot, 1))
+    engine.wrench[:] = 0.0
     for _ in range(60):
-        ticks = simulation.step(hold(robot, 1))
+        ticks = engine.step(hold(robot, 1))
         if ticks.non_foot_contact.any():
             break
     first = int(ticks.non_foot_contact[0].argmax())
-    # Something far from the feet is near the floor: the pelvis has come down from 1.1 m to below knee height.
-    assert ticks["pelvis_position"][0, first, 2] < 0.7
-    assert ticks.pelvis_uprightness[0, first] < 0.7
+    # Something far from the feet is near the floor: the root has come down from 1.1 m to below knee height.
+    assert ticks["root_position"][0, first, 2] < 0.7
+    assert ticks.root_uprightness[0, first] < 0.7
 
 
 # Attitude.
@@ -226,15 +227,15 @@ def test_uprightness_is_the_cosine_of_the_tilt_whatever_its_direction() -> None:
         np.testing.assert_allclose(uprightness(quaternions), np.cos(tilt), atol=1e-15)
 
 
-def test_attitudes_are_those_of_pelvis_and_torso(robot: Robot) -> None:
-    simulation = stand(robot, 1, height=1.0)
-    qpos, _ = simulation.state
+def test_attitudes_are_those_of_root_and_torso(robot: Robot) -> None:
+    engine = stand(robot, 1, height=1.0)
+    qpos, _ = engine.state
     yaw, pitch, roll = 0.8, 0.3, -0.2
     qpos[0, 3:7] = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True)
     qpos[0, 7] = 0.4  # torso pitch
-    simulation.batch.forward(np.array([0]))
-    ticks = simulation.read(np.array([0]))
-    np.testing.assert_allclose(ticks.pelvis_attitude[:, 0, 0], [roll, pitch], atol=1e-12)
+    engine.batch.forward(np.array([0]))
+    ticks = engine.read(np.array([0]))
+    np.testing.assert_allclose(ticks.root_attitude[:, 0, 0], [roll, pitch], atol=1e-12)
     torso = Rotation.from_euler("ZYX", [yaw, pitch, roll]) * Rotation.from_euler("Y", 0.4)
     _, torso_pitch, torso_roll = torso.as_euler("ZYX")
     np.testing.assert_allclose(ticks.torso_attitude[:, 0, 0], [torso_roll, torso_pitch], atol=1e-12)

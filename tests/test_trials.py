@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from conftest import MovingPolicy, pushed, run_one, squat
 
-from surefoot.control import Imperfections
-from surefoot.disturbance import Drop, Push
+from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
-from surefoot.judge import Outcome
-from surefoot.policy import NominalPolicy
-from surefoot.robot import Robot
-from surefoot.trials import Trial, TrialSource, run_list, run_trials
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.trials import Trial, TrialSource, run_list, run_trials
+from surefoot.physics.pushes import Drop, Push
+from surefoot.robots.robot import Robot
+from surefoot.task.imperfections import Imperfections
 
 FORWARD, LEFT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
@@ -28,8 +28,8 @@ def as_text(outcomes: dict[Trial, Outcome]) -> dict[Trial, str]:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_push_begins_1_s_after_the_start_plus_the_seeds_ticks(robot: Robot, seed: int) -> None:
-    _, calm = run_one(NominalPolicy(robot), pushed(0.0, seed, whole=False), "com_velocity")
-    outcome, trace = run_one(NominalPolicy(robot), pushed(400.0, seed), "com_velocity")
+    _, calm = run_one(NominalAgent(robot), pushed(0.0, seed, whole=False), "com_velocity")
+    outcome, trace = run_one(NominalAgent(robot), pushed(400.0, seed), "com_velocity")
     num_ticks = len(trace["com_velocity"])
     differs = (trace["com_velocity"] != calm["com_velocity"][:num_ticks]).any(axis=1)
     # A tick is recorded at its start: the first pushed tick shows in the next one.
@@ -42,7 +42,7 @@ def test_the_push_begins_1_s_after_the_start_plus_the_seeds_ticks(robot: Robot, 
 
 
 def test_a_later_push_and_another_body_are_honoured(robot: Robot) -> None:
-    policy = NominalPolicy(robot)
+    policy = NominalAgent(robot)
     _, calm = run_one(policy, pushed(0.0, 2, whole=False), "com_velocity", "torso_attitude")
     begins = {}
     for start in (0.0, 0.3):
@@ -51,20 +51,20 @@ def test_a_later_push_and_another_body_are_honoured(robot: Robot) -> None:
         differs = trace["com_velocity"][:num_ticks] != calm["com_velocity"][:num_ticks]
         begins[start] = int(differs.any(axis=1).argmax())
     assert begins[0.3] - begins[0.0] == 150
-    pelvis, _ = run_one(policy, pushed(300.0, 2, body="pelvis"))
+    root, _ = run_one(policy, pushed(300.0, 2, body="root"))
     torso, _ = run_one(policy, pushed(300.0, 2, body="torso"))
-    assert repr(pelvis) != repr(torso)
+    assert repr(root) != repr(torso)
 
 
 def test_an_unknown_body_is_answered_with_the_known_ones(robot: Robot) -> None:
     with pytest.raises(UserError) as error:
-        run_list(NominalPolicy(robot), [pushed(10.0, 0, body="left_ear")], num_slots=1, num_threads=1)
-    valid = "pelvis, torso, left_thigh, right_thigh, left_shank, right_shank"
+        run_list(NominalAgent(robot), [pushed(10.0, 0, body="left_ear")], num_slots=1, num_threads=1)
+    valid = "root, torso, left_thigh, right_thigh, left_shank, right_shank"
     assert str(error.value) == f"unknown body 'left_ear' of valkyrie; valid: {valid}"
 
 
 def test_a_first_push_comes_first_and_the_disturbance_begins_with_it(robot: Robot) -> None:
-    policy, seed = NominalPolicy(robot), 2
+    policy, seed = NominalAgent(robot), 2
     trial = replace(pushed(12.0, seed, LEFT, start=0.3), first=Push(impulse=12.0), horizon=2.0, calm_from=1.0)
     outcome, trace = run_one(policy, trial, "com_velocity")
     calm = replace(pushed(0.0, seed), horizon=2.0, calm_from=1.0)
@@ -81,10 +81,10 @@ def test_a_first_push_comes_first_and_the_disturbance_begins_with_it(robot: Robo
 
 def test_a_dropped_robot_begins_in_the_air_without_time_to_settle(robot: Robot) -> None:
     trial = replace(pushed(0.0, 3), drop=Drop(0.3, roll=0.05, pitch=-0.03), horizon=2.0, calm_from=1.0)
-    outcome, trace = run_one(NominalPolicy(robot), trial, "foot_contact", "pelvis_uprightness", "com_velocity")
+    outcome, trace = run_one(NominalAgent(robot), trial, "foot_contact", "root_uprightness", "com_velocity")
     # All of the trial counts, from the release on.
     assert round(outcome.seconds * 500) == len(trace["com_velocity"])
-    assert trace["pelvis_uprightness"][0] == pytest.approx(np.cos(0.05) * np.cos(0.03), abs=1e-9)
+    assert trace["root_uprightness"][0] == pytest.approx(np.cos(0.05) * np.cos(0.03), abs=1e-9)
     # 0.3 m take sqrt(2 * 0.3 / 9.81) = 0.247 s = 124 ticks.
     assert int(trace["foot_contact"].any(axis=1).argmax()) == pytest.approx(124, abs=2)
     np.testing.assert_allclose(trace["com_velocity"][100], [0.0, 0.0, -9.806651 * 0.2], atol=2e-3)
@@ -107,7 +107,7 @@ def mixed_trials() -> list[Trial]:
 
 
 def test_the_same_trials_give_the_same_bits_whatever_the_slots_and_threads(robot: Robot) -> None:
-    policy = NominalPolicy(robot, "straight")
+    policy = NominalAgent(robot, "straight")
     reference = as_text(run_list(policy, mixed_trials(), num_slots=10, num_threads=1))
     assert {outcome.split("reason=")[1].split(",")[0] for outcome in reference.values()} >= {"'fell'", "'recovered'"}
     for num_slots, num_threads in ((1, 1), (2, 2), (3, 1), (20, 2)):
@@ -119,7 +119,7 @@ def test_the_same_trials_give_the_same_bits_whatever_the_slots_and_threads(robot
 def test_seeds_draw_different_starts_and_different_ticks_of_the_push(robot: Robot) -> None:
     starts, ticks = [], []
     for seed in range(8):
-        outcome, trace = run_one(NominalPolicy(robot, "bent"), pushed(400.0, seed), "joint_position")
+        outcome, trace = run_one(NominalAgent(robot, "bent"), pushed(400.0, seed), "joint_position")
         starts.append(trace["joint_position"][0] - robot.pose("bent"))
         ticks.append(len(trace["joint_position"]) - round(outcome.seconds * 500) - 500)
     noise = np.array(starts)
@@ -140,7 +140,7 @@ def test_a_policy_forgets_a_slots_last_trial_when_the_next_begins(robot: Robot) 
 
 
 def test_a_trial_that_is_not_whole_ends_after_2_s_of_quiet(robot: Robot) -> None:
-    policy = NominalPolicy(robot, "bent")
+    policy = NominalAgent(robot, "bent")
     whole, _ = run_one(policy, pushed(20.0, 1))
     sampled, trace = run_one(policy, pushed(20.0, 1, whole=False), "com_velocity")
     assert (whole.reason, sampled.reason) == ("recovered", "recovered")
@@ -153,7 +153,7 @@ def test_a_trial_that_is_not_whole_ends_after_2_s_of_quiet(robot: Robot) -> None
 
 
 def test_quiet_begins_only_after_the_push(robot: Robot) -> None:
-    sampled, _ = run_one(NominalPolicy(robot, "bent"), pushed(10.0, 1, whole=False, duration=1.0))
+    sampled, _ = run_one(NominalAgent(robot, "bent"), pushed(10.0, 1, whole=False, duration=1.0))
     assert sampled.reason == "recovered"
     # 1 s of a gentle push and 2 s of quiet, whatever the policy steps' borders: at most one step more.
     assert 3.0 <= sampled.seconds <= 3.08
@@ -187,7 +187,7 @@ def test_a_finished_slot_takes_the_next_trial_at_once(robot: Robot) -> None:
     # One that stays up for long, and five that fall soon, in two slots.
     queue = Queue([pushed(0.0, 0), *(pushed(400.0, seed) for seed in range(1, 6))])
     busy = []
-    run_trials(NominalPolicy(robot, "straight"), queue, 2, 1, on_step=lambda running, _: busy.append(len(running)))
+    run_trials(NominalAgent(robot, "straight"), queue, 2, 1, on_step=lambda running, _: busy.append(len(running)))
     falls = [(what, seed) for seed in range(1, 6) for what in ("begin", "end")]
     assert queue.log == [("begin", 0), *falls, ("end", 0)]
     # Five falls of 1.5 to 1.8 s each are through before the long trial's 11 s are over.
@@ -209,7 +209,7 @@ def test_a_trial_that_is_not_wanted_any_more_is_dropped_unreported(robot: Robot)
     # The first falls within 3 s, the second would stand for 10.
     queue = NoneAfterTheFirst([pushed(400.0, 0), pushed(0.0, 1)])
     num_steps = []
-    run_trials(NominalPolicy(robot, "straight"), queue, 2, 1, on_step=lambda *_: num_steps.append(1))
+    run_trials(NominalAgent(robot, "straight"), queue, 2, 1, on_step=lambda *_: num_steps.append(1))
     assert queue.dropped == [1]
     assert [seed for what, seed in queue.log if what == "end"] == [0]
     assert len(num_steps) < 4 * 25
@@ -222,9 +222,9 @@ def test_a_source_may_have_no_work_until_an_outcome_is_reported(robot: Robot) ->
             return None if waiting else super().next()
 
     source = OneByOne([pushed(400.0, seed) for seed in range(3)])
-    run_trials(NominalPolicy(robot, "straight"), source, num_slots=4, num_threads=1)
+    run_trials(NominalAgent(robot, "straight"), source, num_slots=4, num_threads=1)
     assert source.log == [(what, seed) for seed in range(3) for what in ("begin", "end")]
 
 
 def test_no_trials_give_no_outcomes(robot: Robot) -> None:
-    assert run_list(NominalPolicy(robot), [], num_slots=2, num_threads=1) == {}
+    assert run_list(NominalAgent(robot), [], num_slots=2, num_threads=1) == {}

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from surefoot import scene as scene_module
-from surefoot.disturbance import Push
+from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
-from surefoot.policy import NominalPolicy
-from surefoot.trials import Trial, run_list
-from surefoot.video import Moment, Recording, Scene, filmstrip, frames, push_words, record, save_picture, save_video
+from surefoot.evaluation.trials import Trial, run_list
+from surefoot.physics.pushes import Push
+from surefoot.rendering import renderer as scene_module
+from surefoot.rendering.film import Recording, filmstrip, frames, push_words, record, save_picture, save_video
+from surefoot.rendering.renderer import Moment, Renderer
 
 FALL = Trial(Push(impulse=240.0), seed=3)
 STAY = Trial(Push(impulse=24.0), seed=3, whole=False)
@@ -25,13 +26,13 @@ STAY = Trial(Push(impulse=24.0), seed=3, whole=False)
 @pytest.fixture(scope="module")
 def fall() -> Recording:
     """The nominal pose does not survive 240 Ns."""
-    return record(NominalPolicy(), FALL)
+    return record(NominalAgent(), FALL)
 
 
 @pytest.fixture(scope="module")
 def stay() -> Recording:
     """The nominal pose survives 24 Ns."""
-    return record(NominalPolicy(), STAY)
+    return record(NominalAgent(), STAY)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def needs_opengl() -> None:
 
 @pytest.fixture(scope="module")
 def scene(needs_opengl, robot):
-    with Scene(robot, 320, 240) as scene:
+    with Renderer(robot, 320, 240) as scene:
         yield scene
 
 
@@ -64,7 +65,7 @@ def orange(picture: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", ["fall", "stay"])
 def test_the_recorded_trial_has_the_outcome_of_the_evaluated_one(name, request):
     recording = request.getfixturevalue(name)
-    assert recording.outcome == run_list(NominalPolicy(), [recording.trial], num_slots=1)[recording.trial]
+    assert recording.outcome == run_list(NominalAgent(), [recording.trial], num_slots=1)[recording.trial]
     assert recording.outcome.recovered == (name == "stay")
 
 
@@ -112,7 +113,7 @@ def test_a_capture_point_is_within_a_square_up_to_its_border(fall):
 
 def test_frames_that_do_not_divide_the_ticks_are_refused():
     with pytest.raises(UserError, match="cannot record 30 frames per second; valid: 1, 2, 4, 5, 10, 20, 25, 50, 100"):
-        record(NominalPolicy(), FALL, fps=30)
+        record(NominalAgent(), FALL, fps=30)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +145,7 @@ def test_the_push_is_an_arrow_from_its_beginning_until_a_little_after_its_end(sc
 
 def test_the_arrow_is_as_long_as_the_force_and_points_at_the_body(scene, stay):
     moment = replace(stay.at(-0.1), time=0.0)
-    # The arrow is 0.36 m/kN * 240 Ns / 0.12 s = 0.72 m long and ends 0.13 m behind the pelvis, which is at the middle
+    # The arrow is 0.36 m/kN * 240 Ns / 0.12 s = 0.72 m long and ends 0.13 m behind the root, which is at the middle
     # of the picture: from 0.85 to 0.13 m. At 3.1 m a metre is 240 / (2 * 3.1 * tan(45 deg / 2)) = 93.5 pixels, and
     # the view is 22 deg off square, so that what lies behind is farther: in pixels from the middle,
     # 93.5 * 0.85 * cos(22 deg) / (1 + 0.85 * sin(22 deg) / 3.1) = 66.8 and, in the same way, 11.1.
@@ -192,7 +193,7 @@ def test_the_camera_follows_the_robot(scene, stay):
 def test_a_picture_depends_on_neither_the_last_one_nor_another_scene(scene, robot, stay):
     before = scene.draw(stay.moments[0])
     scene.draw(stay.moments[0], Push(direction=(0.0, 1.0, 0.0)))
-    with Scene(robot, 160, 120) as other:
+    with Renderer(robot, 160, 120) as other:
         assert other.draw(stay.moments[0]).shape == (120, 160, 3)
         assert (scene.draw(stay.moments[0]) == before).all()
     assert (scene.draw(stay.moments[0]) == before).all()
@@ -200,7 +201,7 @@ def test_a_picture_depends_on_neither_the_last_one_nor_another_scene(scene, robo
 
 def test_a_size_beyond_the_buffer_is_refused(robot):
     with pytest.raises(UserError, match="cannot draw 4000 x 300 pixels; valid: up to 1920 x 1080"):
-        Scene(robot, 4000, 300)
+        Renderer(robot, 4000, 300)
 
 
 # Strips and films.
@@ -306,4 +307,4 @@ def test_without_any_opengl_the_error_says_what_to_install(fresh_choice, monkeyp
     for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(UserError, match=r"no OpenGL to draw with \(egl, osmesa, glfw\); try: apt install libegl1"):
-        Scene(robot, 64, 48)
+        Renderer(robot, 64, 48)

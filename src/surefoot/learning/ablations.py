@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.curve import read_curve
-from surefoot.disturbance import DisturbanceConfig
 from surefoot.learning.config import HALF_LIFE_GAMMA, LAYERS, TrainConfig, preset
+from surefoot.learning.curve import read_curve
 from surefoot.learning.train import Progress, train
-from surefoot.tables import Table
+from surefoot.report.tables import Table
+from surefoot.task.random_pushes import DisturbanceConfig
 
 Change = Callable[[TrainConfig], TrainConfig]
 

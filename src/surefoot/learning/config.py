@@ -7,9 +7,9 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
-from surefoot.disturbance import DisturbanceConfig
-from surefoot.env import EnvConfig
 from surefoot.errors import UserError
+from surefoot.task.environment import EnvConfig
+from surefoot.task.random_pushes import DisturbanceConfig
 
 HALF_LIFE_GAMMA = 0.95
 """Section III-B of the paper: a reward is to count half after 0.5 s, the time in which a balance is lost or won. At
@@ -197,7 +197,7 @@ _WIDE_ENV = dataclasses.replace(
     drop_share=0.1,
     disturbance=dataclasses.replace(
         _FAST_ENV.disturbance,
-        bodies=("pelvis",) * 4 + ("torso", "left_thigh", "right_thigh", "left_shank", "right_shank"),
+        bodies=("root",) * 4 + ("torso", "left_thigh", "right_thigh", "left_shank", "right_shank"),
         impulse=(30.0, 420.0),
         first=(0.2, 3.4),
     ),
@@ -280,7 +280,7 @@ _COMPLETE_ENV = dataclasses.replace(
     action_noise=0.1,
     disturbance=dataclasses.replace(
         _STEADY_ENV.disturbance,
-        bodies=("pelvis",) * 4 + ("torso",) * 3 + ("left_thigh", "right_thigh") * 2 + ("left_shank", "right_shank"),
+        bodies=("root",) * 4 + ("torso",) * 3 + ("left_thigh", "right_thigh") * 2 + ("left_shank", "right_shank"),
         impulse=(30.0, 450.0),
         small=(6.0, 100.0),
         small_share=0.25,
@@ -308,7 +308,7 @@ _COMPLETE = {
         final_noise=0.6,
         average_steps=800_000.0,
     ),
-    # Pushes at the pelvis alone: drops and other bodies cost PPO recoveries.
+    # Pushes at the root alone: drops and other bodies cost PPO recoveries.
     "ppo": dataclasses.replace(
         _STEADY["ppo"],
         preset="complete",

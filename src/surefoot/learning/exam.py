@@ -1,6 +1,6 @@
 """Exam: held-out trials along every searched line of the paper suite, up to what we want to reach there.
 
-A probe sees pushes at the pelvis only; what a training run is after is more. The exam tells by scenario which share of
+A probe sees pushes at the root only; what a training run is after is more. The exam tells by scenario which share of
 the way to the goal a policy goes, so that whole runs can be compared and one policy of many be chosen.
 """
 
@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import itertools
 
-from surefoot.control import PERFECT
+from surefoot.agents.agent import Policy
+from surefoot.evaluation.scenarios import PAPER, ROOT_16, Line, Scenario
+from surefoot.evaluation.trials import Trial, run_list
 from surefoot.learning.probe import FIRST_SEED
-from surefoot.policy import Policy
-from surefoot.scenarios import PAPER, PELVIS_16, Line, Scenario
-from surefoot.trials import Trial, run_list
+from surefoot.task.imperfections import PERFECT
 
 NUM_SIZES = 6
 """Sizes that are tried along a line, evenly spaced up to the goal."""
 UP_TO = {
-    "pelvis_push": 330.0,
-    "pelvis_push_no_step": 90.0,
+    "root_push": 330.0,
+    "root_push_no_step": 90.0,
     "torso_push": 264.0,
     "thigh_push": 360.0,
     "shank_push": 264.0,
@@ -34,8 +34,8 @@ _SEEDS = FIRST_SEED // 2
 
 
 def scenarios() -> list[Scenario]:
-    """The scenarios of an exam; pushes at the pelvis in 16 directions."""
-    return [PELVIS_16 if scenario.name == PELVIS_16.name else scenario for scenario in PAPER if scenario.name in UP_TO]
+    """The scenarios of an exam; pushes at the root in 16 directions."""
+    return [ROOT_16 if scenario.name == ROOT_16.name else scenario for scenario in PAPER if scenario.name in UP_TO]
 
 
 def examine(policy: Policy, round: int = 0, num_threads: int = 0) -> dict[str, float]:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+from surefoot.agents.load import load_policy
+from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.run_folder import RunFolder
-from surefoot.policy import NetworkPolicy, load_policy
-from surefoot.robot import load_robot
+from surefoot.robots.robot import load_robot
 
 
-def forerunner(config: TrainConfig, after: str | Path) -> RunFolder | NetworkPolicy:
+def forerunner(config: TrainConfig, after: str | Path) -> RunFolder | NetworkAgent:
     """What a run is to begin with.
 
     Args:
@@ -41,7 +42,7 @@ def _check_run(config: TrainConfig, before: TrainConfig, path: Path) -> None:
         _check_same(path, name, theirs["env"][name], ours["env"][name])
 
 
-def _check_policy(config: TrainConfig, policy: NetworkPolicy, after: str | Path) -> None:
+def _check_policy(config: TrainConfig, policy: NetworkAgent, after: str | Path) -> None:
     contract, env = policy.contract, config.env
     sides = 2 if config.mirror and config.algorithm != "ddpg" else 1  # a symmetric network is two side by side
     hidden = tuple(sides * width for width in config.actor)

@@ -11,12 +11,12 @@ from sb3_contrib import TRPO
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from surefoot import observation
-from surefoot.foresight import SIGNS
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import BatchDDPG, ExplorationNoise, MirroredReplayBuffer
 from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, with_foreseen
 from surefoot.learning.sb3 import SB3VecEnv
+from surefoot.task import observation
+from surefoot.task.privileged import SIGNS
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": BatchDDPG}
 
@@ -28,7 +28,7 @@ def make_model(
     hyper = {**config.hyper, "learning_rate": learning_rate}
     common: dict[str, Any] = {"seed": config.seed, "device": "cpu"}
     robot = venv.env.robot
-    for_observation, for_action = observation.mirror(robot), observation.mirror_joints(robot)
+    for_observation, for_action = observation.mirror(robot), (robot.mirror_source, robot.mirror_sign)
     foreseen = {"foreseen": len(SIGNS) if config.foresight else 0}
     if config.algorithm == "ddpg":
         torch.set_num_threads(1)  # the other cores move the robots meanwhile

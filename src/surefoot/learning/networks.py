@@ -13,7 +13,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.td3.policies import Actor, TD3Policy
 from torch import nn
 
-from surefoot.foresight import SIGNS
+from surefoot.task.privileged import SIGNS
 
 SIDE = 0.2
 """Deviation of what a new symmetric network prefers one side by: enough to begin with."""

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.evaluation import DIRECTIONS, push_lines
-from surefoot.judge import Outcome
-from surefoot.policy import Policy
-from surefoot.trials import run_list
+from surefoot.agents.agent import Policy
+from surefoot.evaluation.evaluate import push_lines
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.scenarios import DIRECTIONS
+from surefoot.evaluation.trials import run_list
 
 NUM_DIRECTIONS = 8
 SPACING = 6

@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from surefoot.curve import read_curve
+from surefoot.agents.policy_file import SUFFIX
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
-from surefoot.policy import SUFFIX
+from surefoot.learning.curve import read_curve
 
 KEPT = "kept"
 _JSON = "__json__"

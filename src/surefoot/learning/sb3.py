@@ -10,9 +10,9 @@ import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
-from surefoot import observation
-from surefoot.env import PushRecoveryVectorEnv
-from surefoot.foresight import SIGNS
+from surefoot.task import observation
+from surefoot.task.environment import PushRecoveryVectorEnv
+from surefoot.task.privileged import SIGNS
 
 
 class Normalisation:

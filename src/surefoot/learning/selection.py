@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from surefoot.agents.network import NetworkAgent
+from surefoot.agents.policy_file import SUFFIX, mean_bytes, with_record
 from surefoot.errors import UserError
 from surefoot.learning.exam import examine
 from surefoot.learning.probe import MAX_PROBE_SCORE, Probe, probe
 from surefoot.learning.run_folder import KEPT, write_whole
-from surefoot.policy import SUFFIX, NetworkPolicy, mean_bytes, with_record
 
 FIRST_ROUND = 1
 """A training probes with round 0, by which its best policy was chosen already."""
@@ -49,7 +50,7 @@ class Candidate:
 
     @property
     def score(self) -> float:
-        """Probes see the pelvis' pushes up to large ones and the calm, exams all the rest: they count alike."""
+        """Probes see the root's pushes up to large ones and the calm, exams all the rest: they count alike."""
         shares = self.passed.values()
         probed = sum(probe.score for probe in self.probes) / len(self.probes)
         return probed + MAX_PROBE_SCORE * sum(shares) / len(shares)
@@ -90,7 +91,7 @@ def means(run: Path, minutes: float) -> list[Path]:
 
 def judge(file: Path, num_rounds: int) -> Candidate:
     """Probe and examine one policy with `num_rounds` sets of trials that its training has not seen."""
-    policy = NetworkPolicy(file.read_bytes(), file.stem, str(file))
+    policy = NetworkAgent(file.read_bytes(), file.stem, str(file))
     rounds = range(FIRST_ROUND, FIRST_ROUND + num_rounds)
     probes = tuple(probe(policy, round=number) for number in rounds)
     return Candidate(file, probes, tuple(examine(policy, round=number) for number in rounds))

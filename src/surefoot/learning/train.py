@@ -23,7 +23,9 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 import surefoot
-from surefoot.env import PushRecoveryVectorEnv
+from surefoot.agents.contract import Contract
+from surefoot.agents.network import NetworkAgent
+from surefoot.agents.policy_file import network_bytes, with_record
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.inheritance import forerunner
 from surefoot.learning.models import limit_exploration, make_model
@@ -31,7 +33,7 @@ from surefoot.learning.networks import actor_layers, put_actor, with_foresight
 from surefoot.learning.probe import Probe, probe
 from surefoot.learning.run_folder import KEPT, RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
-from surefoot.policy import Contract, NetworkPolicy, network_bytes, with_record
+from surefoot.task.environment import PushRecoveryVectorEnv
 
 PROBE_S = 30.0
 """Time from one probe and checkpoint to the next."""
@@ -81,7 +83,7 @@ class Trainer:
         folder: RunFolder,
         resume: bool = False,
         on_progress: Callable[[Progress], None] | None = None,
-        after: RunFolder | NetworkPolicy | None = None,
+        after: RunFolder | NetworkAgent | None = None,
     ):
         self.config = config
         self.folder = folder
@@ -155,7 +157,7 @@ class Trainer:
         """Probe the policy, keep it if it is the best, and write a checkpoint."""
         self.clock()
         data = self.policy_bytes()
-        found = self.progress.probe = probe(NetworkPolicy(data, "probe"))
+        found = self.progress.probe = probe(NetworkAgent(data, "probe"))
         data = with_record(data, probe=found.record())
         self.folder.save_policy("last", data)
         self.folder.save_policy(f"{KEPT}/{self.progress.seconds / 60.0:06.1f}", data)
@@ -257,7 +259,7 @@ class Trainer:
             "minutes": round(state["seconds"] / 60.0 + before.get("minutes", 0.0), 2),
         } | ({"after": before} if before else {})
 
-    def _fine_tune(self, policy: NetworkPolicy) -> None:
+    def _fine_tune(self, policy: NetworkAgent) -> None:
         """Begin with a policy: the actor is held until the critic has learned what its actions are worth."""
         self._average = policy.layers(self.venv.normalise.mean, self.venv.normalise.std)
         put_actor(self.model, self._average, self.config.log_std)

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from surefoot import paper, tables
-from surefoot.climb import Threshold
-from surefoot.controllers.timing import timing_table
-from surefoot.figures import share_kept
-from surefoot.report.read import Evaluation
-from surefoot.scenarios import DIRECTIONS, NOISE, ROBUSTNESS
-from surefoot.tables import Table, by_scenario, worse_of
+from surefoot.evaluation.scenarios import DIRECTIONS, NOISE, ROBUSTNESS
+from surefoot.evaluation.threshold_search import Threshold
+from surefoot.report import paper, tables
+from surefoot.report.evaluations import Evaluation
+from surefoot.report.metrics import share_kept
+from surefoot.report.step_timing import timing_table
+from surefoot.report.tables import Table, by_scenario, worse_of
 
 _ROBUSTNESS_NAMES = {scenario.name for scenario in ROBUSTNESS}
 
@@ -61,7 +61,7 @@ def share_kept_table(evaluations: Sequence[Evaluation]) -> Table:
 
 def _share(evaluation: Evaluation, name: str) -> str:
     found = by_scenario(evaluation.thresholds)
-    clean, disturbed = found.get("pelvis_push", {}), found.get(name, {})
+    clean, disturbed = found.get("root_push", {}), found.get(name, {})
     if not disturbed or not disturbed.keys() <= clean.keys():
         return ""
     return f"{share_kept(clean, disturbed):.0%}"
@@ -82,8 +82,8 @@ def limits_table(thresholds: Sequence[Threshold]) -> Table:
     found = by_scenario(thresholds)
     rows = []
     for scenario, directions, words, theirs in (
-        ("pelvis_push_no_step", ("forward", "backward"), "without a step, sagittal", paper.WITHOUT_STEP.sagittal),
-        ("pelvis_push_no_step", ("left", "right"), "without a step, lateral", paper.WITHOUT_STEP.lateral),
+        ("root_push_no_step", ("forward", "backward"), "without a step, sagittal", paper.WITHOUT_STEP.sagittal),
+        ("root_push_no_step", ("left", "right"), "without a step, lateral", paper.WITHOUT_STEP.lateral),
         ("landing_height", None, "drop height", paper.LANDING_HEIGHT),
         ("landing_tilt", None, "tilt, dropped from 0.4 m", paper.LANDING_TILT),
         ("combined", None, "push after a lift of 500 Ns", paper.COMBINED[1]),
@@ -99,7 +99,7 @@ def limits_table(thresholds: Sequence[Threshold]) -> Table:
 def robustness_table(thresholds: Sequence[Threshold]) -> Table:
     """The suite `robustness`: a row per scenario, with what is kept of the undisturbed thresholds."""
     found = by_scenario(thresholds)
-    clean = found.get("pelvis_push", {})
+    clean = found.get("root_push", {})
     rows = []
     for scenario in ROBUSTNESS:
         lines = found.get(scenario.name)
@@ -110,9 +110,7 @@ def robustness_table(thresholds: Sequence[Threshold]) -> Table:
         sizes = [f"{lines[d].size:g}" if d in lines else "" for d in DIRECTIONS]
         rows.append([_words(scenario.name), *sizes, kept, *_interval(worst)])
     columns = ["condition", *DIRECTIONS, "kept", "recovered", "Wilson 95 %"]
-    note = (
-        "Rejected impulse at the pelvis [Ns]. Kept: of the undisturbed one. Recovered: trials at the worst direction."
-    )
+    note = "Rejected impulse at the root [Ns]. Kept: of the undisturbed one. Recovered: trials at the worst direction."
     return Table("Beyond the paper: robustness", columns, rows, note)
 
 

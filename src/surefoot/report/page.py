@@ -10,13 +10,16 @@ from pathlib import Path
 import jinja2
 
 import surefoot
-from surefoot import climb, judge, paper, tables, trials
 from surefoot.errors import UserError
-from surefoot.replay import check_setup, find_policy
+from surefoot.evaluation import threshold_search as climb
+from surefoot.evaluation import trial_monitor as judge
+from surefoot.evaluation import trials
+from surefoot.evaluation.replay import check_setup, find_policy
+from surefoot.report import paper, tables
 from surefoot.report.comparison import of_policy, side_by_side, versions_table
-from surefoot.report.gallery import Curves, Figure, comparison_figures, policy_figures
-from surefoot.report.read import Evaluation, read_evaluations
-from surefoot.tables import Table, by_scenario, pelvis_pushes, worse_of
+from surefoot.report.evaluations import Evaluation, read_evaluations
+from surefoot.report.page_figures import Curves, Figure, comparison_figures, policy_figures
+from surefoot.report.tables import Table, by_scenario, root_pushes, worse_of
 
 MAX_SECTIONS = 4
 """With more policies than this, only the best of each algorithm has a section of its own."""
@@ -141,12 +144,12 @@ def headline(e: Evaluation) -> list[Card]:
     """The figures that sum a policy up, as far as they were measured."""
     found, cards = by_scenario(e.thresholds), []
     if e.has_main_directions:
-        pushes, theirs = pelvis_pushes(e.thresholds), tables.paper_row(e.algorithm) or paper.TABLE_1["trpo"]
+        pushes, theirs = root_pushes(e.thresholds), tables.paper_row(e.algorithm) or paper.TABLE_1["trpo"]
         cards.append(
             Card("sagittal, worse side", worse_of(pushes, ("forward", "backward")).size, theirs.sagittal, "Ns")
         )
         cards.append(Card("lateral, worse side", worse_of(pushes, ("left", "right")).size, theirs.lateral, "Ns"))
-    lines = found.get("pelvis_push_no_step", {})
+    lines = found.get("root_push_no_step", {})
     for plane, names in (("sagittal", ("forward", "backward")), ("lateral", ("left", "right"))):
         if set(names) <= set(lines):
             words = f"without a step, {plane}"

@@ -9,16 +9,17 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import binary_closing
 
-from surefoot.controllers.protocol import Contestant
-from surefoot.judge import Outcome
-from surefoot.policy import Policy
-from surefoot.robot import FLOOR, Robot, load_robot
-from surefoot.scene import Moment
-from surefoot.simulation import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP, Simulation
-from surefoot.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
-from surefoot.ticks import Ticks, roll_pitch
-from surefoot.trials import Trial, TrialSource, draws, run_trials
-from surefoot.video import Recording
+from surefoot.agents.agent import Policy
+from surefoot.agents.controllers.controller import ControllerAgent
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
+from surefoot.evaluation.trials import Trial, TrialSource, draws, run_trials
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.step_record import StepRecord, roll_pitch
+from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
+from surefoot.rendering.film import Recording
+from surefoot.rendering.renderer import Moment
+from surefoot.robots.robot import FLOOR, Robot, load_robot
 
 STRIDE = 10
 """Curves show every tenth tick: 50 Hz."""
@@ -36,7 +37,7 @@ class Trace:
 
     trial: Trial
     outcome: Outcome
-    ticks: Ticks
+    ticks: StepRecord
     begin: int
     layout: dict[str, slice]
 
@@ -52,9 +53,9 @@ class Trace:
         return place - place[self.begin]
 
     @property
-    def pelvis_attitude_deg(self) -> np.ndarray:
+    def root_attitude_deg(self) -> np.ndarray:
         """Roll and pitch: (2, num_ticks) [deg]."""
-        return np.degrees(self.ticks.pelvis_attitude[:, 0])
+        return np.degrees(self.ticks.root_attitude[:, 0])
 
     @cached_property
     def foot_loaded(self) -> np.ndarray:
@@ -83,9 +84,9 @@ class Trace:
             watch.update(ids, self.part(slice(first, first + TICKS_PER_STEP)), active)
         return watch.strategies(0)
 
-    def part(self, ticks: slice) -> Ticks:
+    def part(self, ticks: slice) -> StepRecord:
         """Some of the ticks."""
-        return Ticks(self.ticks.robot, self.layout, self.ticks.record[:, ticks])
+        return StepRecord(self.ticks.robot, self.layout, self.ticks.record[:, ticks])
 
     def recording(self, policy_name: str) -> Recording:
         """As `surefoot.video` draws it."""
@@ -95,12 +96,12 @@ class Trace:
         return Recording(policy_name, self.ticks.robot, self.trial, self.outcome, fps, tuple(moments))
 
 
-def run_traces(policy: Policy | Contestant, trials: Mapping[str, Trial]) -> dict[str, Trace]:
+def run_traces(policy: Policy | ControllerAgent, trials: Mapping[str, Trial]) -> dict[str, Trace]:
     """Run some whole trials of one policy again, those in the same world as one batch."""
     traces: dict[Trial, Trace] = {}
-    for world in dict.fromkeys(trial.world for trial in trials.values()):
-        recorder = _Recorder(list(dict.fromkeys(trial for trial in trials.values() if trial.world == world)))
-        run_trials(policy, recorder, len(recorder.trials), on_step=recorder.watch, world=world)
+    for domain in dict.fromkeys(trial.domain for trial in trials.values()):
+        recorder = _Recorder(list(dict.fromkeys(trial for trial in trials.values() if trial.domain == domain)))
+        run_trials(policy, recorder, len(recorder.trials), on_step=recorder.watch, domain=domain)
         traces |= recorder.traces(load_robot(policy.contract.robot))
     return {name: traces[trial] for name, trial in trials.items()}
 
@@ -120,15 +121,15 @@ class _Recorder(TrialSource):
     def report(self, trial: Trial, outcome: Outcome) -> None:
         self._outcomes[trial] = outcome
 
-    def watch(self, slots: np.ndarray, ticks: Ticks) -> None:
+    def watch(self, slots: np.ndarray, ticks: StepRecord) -> None:
         for row, slot in enumerate(slots.tolist()):
             self._records[slot].append(ticks.record[row].copy())
 
     def traces(self, robot: Robot) -> dict[Trial, Trace]:
-        layout = Simulation(robot, 1, num_threads=1).layout
+        layout = MujocoEngine(robot, 1, num_threads=1).layout
         found = {}
         for trial, records in zip(self.trials, self._records, strict=True):
-            ticks = Ticks(robot, layout, np.concatenate(records)[None])
+            ticks = StepRecord(robot, layout, np.concatenate(records)[None])
             _, begin = draws(trial, robot.num_joints)
             begin += round(min(push.start for push in trial.pushes) * CONTROL_HZ)
             found[trial] = Trace(trial, self._outcomes[trial], ticks, begin, layout)

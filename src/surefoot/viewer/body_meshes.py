@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
-from surefoot.robot import Robot
+from surefoot.robots.robot import Robot
 
 FINE, COARSE = 28, 14
 """Segments per turn of the shapes of a few robots and of a crowd; the model's own 40 to 60 are for pictures."""

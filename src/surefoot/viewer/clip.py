@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.disturbance import Push
 from surefoot.errors import UserError
-from surefoot.robot import Robot
-from surefoot.scene import Moment, Scene
-from surefoot.simulation import POLICY_DT, POLICY_HZ
-from surefoot.video import write_film
+from surefoot.physics.pushes import Push
+from surefoot.rates import POLICY_DT, POLICY_HZ
+from surefoot.rendering.film import write_film
+from surefoot.rendering.renderer import Moment, Renderer
+from surefoot.robots.robot import Robot
 from surefoot.viewer.session import Session
 
 SECONDS = 8.0
@@ -65,7 +65,7 @@ def save_clip(path: Path, robot: Robot, shots: tuple[Shot, ...]) -> None:
         raise UserError("nothing has been recorded yet")
 
     def pictures() -> Iterator[np.ndarray]:
-        with Scene(robot, *SIZE) as scene:
+        with Renderer(robot, *SIZE) as scene:
             for shot in shots:
                 yield scene.draw(shot.moment, shot.push)
 

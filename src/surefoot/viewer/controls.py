@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import viser
 
-from surefoot.disturbance import Push
 from surefoot.errors import UserError
+from surefoot.physics.pushes import Push
 from surefoot.viewer.clip import SECONDS, save_clip
 from surefoot.viewer.session import FRICTION, horizontal_push
 from surefoot.viewer.source import offered_policies
@@ -67,7 +67,7 @@ class Controls:
     def _add_pushes(self) -> None:
         page, gui = self._page, self._gui
         bodies = [name.replace("_", " ") for name in page.player.session.robot.body_ids]
-        self._body = gui.add_dropdown("Body", bodies, initial_value="pelvis")
+        self._body = gui.add_dropdown("Body", bodies, initial_value="root")
         self._angle = gui.add_slider(
             "Direction",
             min=-180,

@@ -1,4 +1,4 @@
-"""Live: what stands beside the scene: verdict, strategies, CoM and capture point, pelvis attitude, joint torques."""
+"""Live: what stands beside the scene: verdict, strategies, CoM and capture point, root attitude, joint torques."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 import viser
 from viser import uplot
 
-from surefoot.robot import Robot
-from surefoot.simulation import POLICY_HZ
-from surefoot.ticks import Ticks
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import POLICY_HZ
+from surefoot.robots.robot import Robot
+from surefoot.viewer.browser_scene import CAPTURED, COM, ESCAPED, FORCE, PRESSURE, PUSH, STATE_COLORS, SUPPORT
 from surefoot.viewer.session import Session
-from surefoot.viewer.stage import CAPTURED, COM, ESCAPED, FORCE, PRESSURE, PUSH, STATE_COLORS, SUPPORT
 from surefoot.viewer.verdict import State
 
 SECONDS = 6.0
@@ -37,7 +37,7 @@ class History:
     """The last seconds of the watched robot, one row per policy step.
 
     Rows: CoM, capture point and the support's edges, forward and to the left of the middle between the soles [cm];
-    roll and pitch of the pelvis [deg].
+    roll and pitch of the root [deg].
     """
 
     COLUMNS = ("com_x", "cp_x", "front", "back", "com_y", "cp_y", "left", "right", "roll", "pitch")
@@ -53,7 +53,7 @@ class History:
     def add(self, session: Session, robot: int) -> None:
         """Remember the last tick of the session's last step, and the torques of all of it."""
         ticks = session.ticks
-        one = Ticks(session.robot, session.loop.simulation.layout, ticks.record[robot : robot + 1, -1:])
+        one = StepRecord(session.robot, session.loop.engine.layout, ticks.record[robot : robot + 1, -1:])
         center, forward = one.sole_position[0, 0, :, :2].mean(axis=0), one.heading[0, 0]
 
         def ahead(points: np.ndarray) -> np.ndarray:
@@ -66,7 +66,7 @@ class History:
         edge = ahead(polygon) if len(polygon) else np.full((1, 2), np.nan)
         (high_x, high_y), (low_x, low_y) = edge.max(axis=0), edge.min(axis=0)
         (com_x, com_y), (cp_x, cp_y) = ahead(one.com_position[0, 0, :2]), ahead(one.capture_point[0, 0])
-        roll, pitch = np.degrees(one.pelvis_attitude[:, 0, 0])
+        roll, pitch = np.degrees(one.root_attitude[:, 0, 0])
         self._rows.append([com_x, cp_x, high_x, low_x, com_y, cp_y, high_y, low_y, roll, pitch])
         torque = np.abs(ticks.joint_torque[robot]).max(axis=0) / ticks.robot.torque_limit
         fading = self.peak_torque * 0.985 if len(self.peak_torque) else torque
@@ -134,7 +134,7 @@ _PLOTS = (
             ("right", "", _EDGE_INK),
         ),
     ),
-    ("Pelvis [deg]", 30.0, (("roll", "roll", _ROLL_INK), ("pitch", "pitch", _PITCH_INK))),
+    ("Root [deg]", 30.0, (("roll", "roll", _ROLL_INK), ("pitch", "pitch", _PITCH_INK))),
 )
 """Title, range, and the curves: column of the history, word, colour."""
 
@@ -204,7 +204,7 @@ def dot(color: tuple[int, int, int]) -> str:
     return f'<span style="color:rgb{color}">●</span>'
 
 
-def torques_html(robot: Robot, ticks: Ticks, watched: int, peak: np.ndarray) -> str:
+def torques_html(robot: Robot, ticks: StepRecord, watched: int, peak: np.ndarray) -> str:
     """Bars of the joint torques as shares of their limits: now, and the fading peak as a tick."""
     share = ticks.joint_torque[watched, -1] / robot.torque_limit
     peak = peak if len(peak) else np.abs(share)

@@ -14,13 +14,13 @@ import rich
 import viser
 
 from surefoot.errors import UserError
+from surefoot.viewer.browser_scene import BrowserScene
 from surefoot.viewer.clip import ClipRecorder
 from surefoot.viewer.controls import Controls
 from surefoot.viewer.live import History, LivePanel
 from surefoot.viewer.player import Player
 from surefoot.viewer.session import Session, horizontal_push
 from surefoot.viewer.source import PolicySource
-from surefoot.viewer.stage import Stage
 
 PORT = 8080
 HAND_STIFFNESS = 500.0
@@ -197,9 +197,9 @@ class Page:
 
     # How the page is made.
 
-    def _build_stage(self, session: Session) -> Stage:
+    def _build_stage(self, session: Session) -> BrowserScene:
         with self.server.atomic():
-            stage = Stage(self.server, session.robot, session.num_robots, self.see_through)
+            stage = BrowserScene(self.server, session.robot, session.num_robots, self.see_through)
             self._add_key_light(session.num_robots)
             self._hint = stage.add_hint("" if self._is_pushed else _HINT_CROWD if session.num_robots > 1 else _HINT)
         for body, handle in stage.bodies.items():

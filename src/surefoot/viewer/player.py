@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Callable
 
 from surefoot.errors import UserError
-from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.viewer.session import Session
 
 MAX_BEHIND = 3

@@ -6,19 +6,20 @@ import dataclasses
 
 import numpy as np
 
-from surefoot.control import ControlLoop, Imperfections
-from surefoot.disturbance import PUSH_DURATION, Push, Pushes
+from surefoot.agents.agent import Policy
 from surefoot.errors import UserError
-from surefoot.policy import Policy
-from surefoot.robot import load_robot
-from surefoot.simulation import CONTROL_HZ, TICKS_PER_STEP
-from surefoot.strategies import StrategyWatch
-from surefoot.ticks import Ticks
-from surefoot.trials import JOINT_NOISE
+from surefoot.evaluation.strategies import StrategyWatch
+from surefoot.evaluation.trials import JOINT_NOISE
+from surefoot.physics.pushes import PUSH_DURATION, Push, Pushes
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.robots.robot import load_robot
+from surefoot.task.control_loop import ControlLoop
+from surefoot.task.imperfections import Imperfections
 from surefoot.viewer.verdict import State, Verdicts
 
 MAX_ROBOTS = 64
-LIFT = Push("pelvis", (0.0, 0.0, 1.0), impulse=500.0)
+LIFT = Push("root", (0.0, 0.0, 1.0), impulse=500.0)
 """The paper lifts the robot by 500 Ns, then pushes it in the air (section V)."""
 AIRBORNE_S = 0.2
 """From the end of the lift to the push [s]: the robot is in the air then."""
@@ -78,7 +79,7 @@ class Session:
 
     # What a user does.
 
-    def reset(self, ids: np.ndarray | None = None, height: float = 0.0) -> Ticks:
+    def reset(self, ids: np.ndarray | None = None, height: float = 0.0) -> StepRecord:
         """Put robots `ids` (all without it) back to their place, `height` [m] above the floor; returns one tick."""
         ids = self.everyone if ids is None else ids
         noise = self._rng.uniform(-JOINT_NOISE, JOINT_NOISE, (len(ids), self.robot.num_joints))
@@ -139,18 +140,18 @@ class Session:
     def set_friction(self, friction: float) -> None:
         """Sliding friction coefficient between every two bodies."""
         if self._geom_friction is None:
-            self._geom_friction = self.loop.simulation.batch.expand("geom_friction")
+            self._geom_friction = self.loop.engine.batch.expand("geom_friction")
         self.friction = friction
         self._geom_friction[..., 0] = friction
 
     # What time does.
 
-    def step(self) -> Ticks:
+    def step(self) -> StepRecord:
         """One policy step of all robots: their ticks, in a buffer that the next step overwrites."""
         self._hold()
         self.ticks = self.loop.step(self._act())
         self.num_steps += 1
-        diverged = self.loop.simulation.diverged
+        diverged = self.loop.engine.diverged
         self._recognise(diverged)
         if diverged.any():
             self.message = f"the simulation of {int(diverged.sum())} robots became unstable; they start anew"
@@ -205,7 +206,7 @@ class Session:
         if len(recovered):
             for robot in recovered.tolist():
                 self._told[robot] = _words(self._watch, robot) or "without any strategy worth a name"
-            last = Ticks(self.robot, self.loop.simulation.layout, self.ticks.record[recovered, -1:])
+            last = StepRecord(self.robot, self.loop.engine.layout, self.ticks.record[recovered, -1:])
             self._watch.reset(recovered, last)
             self._begin[recovered] = _NEVER
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from surefoot.agents.agent import Policy
+from surefoot.agents.load import BEST, load_policy, shipped_policies
+from surefoot.agents.nominal import NominalAgent
+from surefoot.agents.policy_file import SUFFIX
 from surefoot.errors import UserError
-from surefoot.policy import BEST, SUFFIX, NominalPolicy, Policy, load_policy, shipped_policies
 
 NOMINAL = "nominal"
 _CHECKPOINTS = (f"last{SUFFIX}", f"best{SUFFIX}")
@@ -77,11 +80,11 @@ class PolicySource:
 
     def _load(self) -> Policy:
         if self.name == NOMINAL:
-            return NominalPolicy()
+            return NominalAgent()
         file = self._file()
         self.is_waiting = file is None and self._path is not None and (self._path / "config.json").exists()
         if self.is_waiting:
-            return NominalPolicy()
+            return NominalAgent()
         policy = load_policy(file or self.name)
         if file and self._path and self._path.is_dir():
             policy.name = self._path.name

@@ -10,9 +10,9 @@ from enum import IntEnum
 
 import numpy as np
 
-from surefoot.judge import HORIZON_S, MAX_COM_SPEED, MAX_TILT_DEG, QUIET_S
-from surefoot.simulation import CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP
-from surefoot.ticks import Ticks
+from surefoot.evaluation.trial_monitor import HORIZON_S, MAX_COM_SPEED, MAX_TILT_DEG, QUIET_S
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP
 
 
 class State(IntEnum):
@@ -61,10 +61,10 @@ class Verdicts:
     def clear_counts(self) -> None:
         self.recovered = self.fallen = 0
 
-    def update(self, ticks: Ticks, tick: np.ndarray, diverged: np.ndarray) -> None:
-        """Judge the last policy step (N, TICKS_PER_STEP, ...) of all robots; `tick` (N,) is its end."""
+    def update(self, ticks: StepRecord, tick: np.ndarray, diverged: np.ndarray) -> None:
+        """TrialMonitor the last policy step (N, TICKS_PER_STEP, ...) of all robots; `tick` (N,) is its end."""
         self.since += TICKS_PER_STEP / CONTROL_HZ
-        upright = np.minimum(ticks.pelvis_uprightness, ticks.torso_uprightness).min(axis=1) > _COS_TILT
+        upright = np.minimum(ticks.root_uprightness, ticks.torso_uprightness).min(axis=1) > _COS_TILT
         self._upright_steps = np.where(upright & (tick > self._over), self._upright_steps + 1, 0)
         speed = np.linalg.norm(ticks.com_velocity, axis=-1).mean(axis=1)
         self._speed[:, self._num_steps % self._speed.shape[1]] = speed

@@ -1,0 +1,1 @@
+"""Agents: who moves the robots, learned policies and classical controllers."""

@@ -1,0 +1,108 @@
+"""The contract of a policy: all that is needed to run it on a robot."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from surefoot.errors import UserError
+from surefoot.physics.signals import CUTOFF_HZ
+from surefoot.rates import CONTROL_HZ, POLICY_HZ
+from surefoot.robots.robot import Robot, load_robot
+from surefoot.task import observation
+
+METADATA_KEY = "surefoot"
+
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Contract:
+    """All that is needed to use a policy.
+
+    Attributes:
+        robot: its name.
+        joints: joint order of the action and of the observation's joint parts.
+        nominal_pose: joint angles that an action of zero means [rad].
+        action_scale: joint angle [rad] per unit of action, which is clipped to [-1, 1] first.
+        observations: names of the observation's components, in order.
+        stiffness, damping: impedance gains per joint [Nm/rad, Nms/rad].
+        torque_limit, velocity_limit: per joint [Nm, rad/s].
+        policy_hz, control_hz: rates of the policy and of the joint control.
+        filter_cutoff_hz: of the first-order Butterworth low-pass on the observation at `control_hz`.
+        target_path: how joint targets are reached within a policy step.
+        training: where the policy comes from (algorithm, preset, seed, steps, minutes, versions).
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    nominal_pose: tuple[float, ...]
+    action_scale: float
+    observations: tuple[str, ...]
+    stiffness: tuple[float, ...]
+    damping: tuple[float, ...]
+    torque_limit: tuple[float, ...]
+    velocity_limit: tuple[float, ...]
+    policy_hz: int = POLICY_HZ
+    control_hz: int = CONTROL_HZ
+    filter_cutoff_hz: float = CUTOFF_HZ
+    target_path: str = "cubic"
+    training: dict[str, Any] = field(default_factory=dict)
+    format: int = FORMAT
+
+    @classmethod
+    def of(cls, robot: Robot, pose: str, action_scale: float, training: dict[str, Any] | None = None) -> Contract:
+        """The contract of a policy for this robot as this version of surefoot runs it."""
+        return cls(
+            robot=robot.name,
+            joints=robot.joint_names,
+            nominal_pose=tuple(robot.pose(pose).tolist()),
+            action_scale=action_scale,
+            observations=observation.component_names(robot),
+            stiffness=tuple(robot.stiffness.tolist()),
+            damping=tuple(robot.damping.tolist()),
+            torque_limit=tuple(robot.torque_limit.tolist()),
+            velocity_limit=tuple(robot.velocity_limit.tolist()),
+            training=training or {},
+        )
+
+    def check(self) -> Robot:
+        """The robot that the policy is for.
+
+        Raises:
+            UserError: this version of surefoot cannot honour the contract.
+        """
+        robot = load_robot(self.robot)
+        self._check_numbers(robot)
+        expected = Contract.of(robot, next(iter(robot.poses)), self.action_scale)
+        free = {"nominal_pose", "action_scale", "training"}
+        for name in (f.name for f in dataclasses.fields(self) if f.name not in free):
+            if getattr(self, name) != getattr(expected, name):
+                raise UserError(
+                    f"policy's {name} is {getattr(self, name)}, but {robot.name} has {getattr(expected, name)}"
+                )
+        return robot
+
+    def _check_numbers(self, robot: Robot) -> None:
+        pose, scale = self.nominal_pose, self.action_scale
+        if not (isinstance(pose, tuple) and len(pose) == robot.num_joints and all(map(_is_finite, pose))):
+            raise UserError(f"policy's nominal_pose must be {robot.num_joints} finite angles, not {pose}")
+        if not (_is_finite(scale) and scale > 0):
+            raise UserError(f"policy's action_scale must be positive, not {scale}")
+
+    def to_json(self) -> str:
+        return json.dumps(dataclasses.asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Contract:
+        """Raises ValueError, TypeError or KeyError for anything that `to_json` does not write."""
+        values: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
+        return cls(**values)
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)

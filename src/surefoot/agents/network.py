@@ -1,0 +1,83 @@
+"""Policy: filtered observation in, action out, at 25 Hz; and the file that carries one without torch or pickle.
+
+A policy file is one ONNX network. Its metadata holds the `Contract` as JSON: all that a stranger needs to run it on
+the robot. The observation's normalisation is inside the network.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+
+from surefoot.agents.contract import METADATA_KEY, Contract
+from surefoot.errors import UserError
+
+
+class NetworkAgent:
+    """A policy read from a file, run by onnxruntime.
+
+    Args:
+        data: the file's bytes.
+        name: by which tables show the policy.
+        source: by which errors name the file; the name without it.
+
+    Attributes:
+        digest: SHA-256 of the file, by which results name the policy.
+    """
+
+    def __init__(self, data: bytes, name: str, source: str | None = None):
+        source = source or name
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1
+        options.log_severity_level = 4
+        try:
+            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime raises a family of undocumented types for a corrupt file
+            raise UserError(f"{source} is not a policy file: not a readable ONNX network") from error
+        text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
+        if text is None:
+            raise UserError(f"{source} is not a surefoot policy: its metadata has no '{METADATA_KEY}'")
+        try:
+            self.contract = Contract.from_json(text)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise UserError(f"{source} has a policy contract that cannot be read: {error}") from error
+        self.robot = self.contract.check()
+        self.name = name
+        self.digest = hashlib.sha256(data).hexdigest()
+        self._data = data
+        self._check_sizes(source)
+        self._input = self._session.get_inputs()[0].name
+
+    def _check_sizes(self, source: str) -> None:
+        expected = [len(self.contract.observations)], [len(self.contract.joints)]
+        found = [t.shape[1:] for t in self._session.get_inputs()], [t.shape[1:] for t in self._session.get_outputs()]
+        if found != ([expected[0]], [expected[1]]):
+            raise UserError(f"{source} maps {found[0]} to {found[1]} numbers, not {expected[0]} to {expected[1]}")
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Widths of the hidden layers."""
+        return tuple(len(bias) for _, bias in self._stored_layers()[:-1])
+
+    def layers(self, mean: np.ndarray, std: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(weight, bias) of every layer, the first one as it acts on (observation - mean) / std: what `network_bytes`
+        was given."""
+        (scaled, bias), *others = self._stored_layers()
+        return [((scaled * std).astype(np.float32), (bias + scaled @ mean).astype(np.float32)), *others]
+
+    def _stored_layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        import onnx
+        from onnx import numpy_helper
+
+        graph = onnx.load_model_from_string(self._data).graph
+        tensors = {tensor.name: numpy_helper.to_array(tensor).copy() for tensor in graph.initializer}
+        return [(tensors[f"weight_{i}"], tensors[f"bias_{i}"]) for i in range(len(tensors) // 2)]
+
+    def reset(self, ids: np.ndarray) -> None:
+        """A feed-forward network remembers nothing."""
+
+    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
+        return self._session.run(None, {self._input: np.asarray(observations, np.float32)})[0]

@@ -1,0 +1,83 @@
+"""Policy files: one ONNX network whose metadata holds its contract."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from surefoot.agents.contract import METADATA_KEY, Contract
+
+SUFFIX = ".onnx"
+
+
+def network_bytes(
+    layers: list[tuple[np.ndarray, np.ndarray]], mean: np.ndarray, std: np.ndarray, squash: bool, contract: Contract
+) -> bytes:
+    """A policy file: (observation - mean) / std through a tanh network.
+
+    Args:
+        layers: (weight (out, in), bias (out,)) of every linear layer; tanh between them.
+        mean, std: of the observation (47,).
+        squash: tanh on the output too.
+    """
+    import onnx
+    from onnx import TensorProto, helper, numpy_helper
+
+    # The normalisation is folded into the first layer: W (x - mean) / std + b.
+    first_weight, first_bias = layers[0]
+    scaled = first_weight / std
+    layers = [(scaled, first_bias - scaled @ mean), *layers[1:]]
+    nodes, tensors, value = [], [], "observation"
+    for i, (weight, bias) in enumerate(layers):
+        tensors.append(numpy_helper.from_array(weight.astype(np.float32), f"weight_{i}"))
+        tensors.append(numpy_helper.from_array(bias.astype(np.float32), f"bias_{i}"))
+        nodes.append(helper.make_node("Gemm", [value, f"weight_{i}", f"bias_{i}"], [f"linear_{i}"], transB=1))
+        value = f"linear_{i}"
+        if squash or i < len(layers) - 1:
+            nodes.append(helper.make_node("Tanh", [value], [f"tanh_{i}"]))
+            value = f"tanh_{i}"
+    nodes.append(helper.make_node("Identity", [value], ["action"]))
+    graph = helper.make_graph(
+        nodes,
+        "policy",
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["robots", layers[0][0].shape[1]])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["robots", layers[-1][0].shape[0]])],
+        tensors,
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
+    onnx.checker.check_model(model)
+    return model.SerializeToString()
+
+
+def with_record(data: bytes, **entries: Any) -> bytes:
+    """A policy file with further entries in its training record."""
+    import onnx
+
+    model = onnx.load_model_from_string(data)
+    (text,) = [pair.value for pair in model.metadata_props if pair.key == METADATA_KEY]
+    contract = Contract.from_json(text)
+    del model.metadata_props[:]
+    contract = dataclasses.replace(contract, training=contract.training | entries)
+    onnx.helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
+    return model.SerializeToString()
+
+
+def mean_bytes(policies: Sequence[bytes], **entries: Any) -> bytes:
+    """A policy file whose weights are the mean of several's, else like the last one.
+
+    Args:
+        policies: files of one network's shape, from a single run.
+        entries: for its training record.
+    """
+    import onnx
+    from onnx import numpy_helper
+
+    models = [onnx.load_model_from_string(data) for data in policies]
+    for tensors in zip(*(model.graph.initializer for model in models), strict=True):
+        mean = np.mean([numpy_helper.to_array(tensor) for tensor in tensors], axis=0)
+        tensors[-1].CopyFrom(numpy_helper.from_array(mean, tensors[-1].name))
+    return with_record(models[-1].SerializeToString(), mean_of=len(models), **entries)

@@ -1,0 +1,213 @@
+"""Bench: how fast each layer is, as ratios measured in one run.
+
+The machines that this runs on are shared and noisy, so that steps per second say little; what a layer keeps of the
+speed below it does not depend on who else is computing.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from rich.table import Table
+
+from surefoot.agents.network import NetworkAgent
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.trials import NUM_SLOTS, run_list
+from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.signals import LowPass
+from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.task import observation
+from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
+
+NUM_ENVS = 256
+TARGETS = {
+    "bench.env_over_physics": (0.90, "at least"),
+    "bench.learning_over_env": (0.80, "at least"),
+    "bench.policy_step_us": (100.0, "at most"),
+    "bench.play_headroom_1": (1.0, "at least"),
+    "bench.play_headroom_64": (1.0, "at least"),
+}
+
+
+def run_bench(seconds: float = 20.0, on_stage: Callable[[str], None] = lambda stage: None) -> dict[str, float]:
+    """All figures, with documented keys (docs/figures.md).
+
+    Args:
+        seconds: for each ratio; a quarter of it for each size of the live page.
+        on_stage: told what is measured next.
+    """
+    on_stage("environment against bare physics")
+    figures = environment_over_physics(seconds)
+    on_stage("PPO against its environment")
+    figures |= learning_over_environment(seconds)
+    on_stage("trials against bare physics")
+    figures |= trials_over_physics(seconds)
+    on_stage("one policy step")
+    figures |= policy_step()
+    on_stage("the live page")
+    for num_robots in (1, 64):
+        figures |= live_page(num_robots, 0.25 * seconds)
+    return figures
+
+
+def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[str, float]:
+    """The full environment against `Batch.rollout` on the same states, with the same controls and records.
+
+    Step by step, first the environment, then the bare physics from the state that the environment began with.
+    """
+    from surefoot.learning.config import preset
+
+    env = PushRecoveryVectorEnv(num_envs, preset("fast", "ppo").env)
+    bare = PushRecoveryVectorEnv(num_envs, preset("fast", "ppo").env).loop.engine
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    spent = {"env": 0.0, "physics": 0.0}
+    steps = 0
+    began = time.perf_counter()
+    while time.perf_counter() - began < seconds:
+        actions = 0.2 * rng.standard_normal((num_envs, env.robot.num_joints))
+        bare.copy_state(env.loop.engine)
+        spent["env"] += _timed(partial(env.step, actions))
+        bare.copy_control(env.loop.engine)
+        spent["physics"] += _timed(bare.advance)
+        steps += num_envs
+    return {
+        "bench.physics_steps_per_s": round(steps * TICKS_PER_STEP / spent["physics"]),
+        "bench.env_policy_steps_per_s": round(steps / spent["env"]),
+        "bench.env_over_physics": round(spent["physics"] / spent["env"], 4),
+    }
+
+
+def learning_over_environment(seconds: float) -> dict[str, float]:
+    """PPO end to end (collect and update) against the environment alone: the share of its time spent in there."""
+    from surefoot.learning.config import preset
+    from surefoot.learning.models import make_model
+    from surefoot.learning.sb3 import SB3VecEnv
+
+    config = preset("fast", "ppo")
+    env = PushRecoveryVectorEnv(config.num_envs, config.env)
+    venv = SB3VecEnv(env, config.foresight)
+    model = make_model(config, venv, np.random.default_rng(0), config.hyper["learning_rate"])
+    inside = 0.0
+    step = env.step
+
+    def timed_step(actions: np.ndarray):
+        nonlocal inside
+        began = time.perf_counter()
+        result = step(actions)
+        inside += time.perf_counter() - began
+        return result
+
+    env.step = timed_step  # type: ignore[method-assign]
+    per_iteration = config.num_envs * config.hyper["n_steps"]
+    model.learn(per_iteration)  # warm up
+    inside, steps, began = 0.0, 0, time.perf_counter()
+    while time.perf_counter() - began < seconds:
+        model.learn(per_iteration, reset_num_timesteps=False)
+        steps += per_iteration
+    total = time.perf_counter() - began
+    return {
+        "bench.learning_policy_steps_per_s": round(steps / total),
+        "bench.learning_over_env": round(inside / total, 4),
+    }
+
+
+def trials_over_physics(seconds: float) -> dict[str, float]:
+    """Whole trials of a network against the bare physics inside them: the share of their time spent in there."""
+    inside, began, num_trials = 0.0, time.perf_counter(), 0
+    advance = MujocoEngine.advance
+
+    def timed_advance(engine: MujocoEngine, ids: np.ndarray | None = None) -> np.ndarray:
+        nonlocal inside
+        start = time.perf_counter()
+        record = advance(engine, ids)
+        inside += time.perf_counter() - start
+        return record
+
+    line = Scenario("root_push", directions=1).lines()[0]
+    policy = standing_network()
+    MujocoEngine.advance = timed_advance  # type: ignore[method-assign, assignment]
+    try:
+        while time.perf_counter() - began < seconds:
+            trials = [line.trial(4, seed, whole=False) for seed in range(num_trials, num_trials + NUM_SLOTS)]
+            run_list(policy, trials)
+            num_trials += len(trials)
+    finally:
+        MujocoEngine.advance = advance  # type: ignore[method-assign]
+    total = time.perf_counter() - began
+    return {
+        "bench.trials_per_s": round(num_trials / total, 1),
+        "bench.trials_over_physics": round(inside / total, 4),
+    }
+
+
+def policy_step(repeats: int = 3000) -> dict[str, float]:
+    """Median time of one policy step of one robot: low-pass filter and network [us]."""
+    policy = standing_network()
+    num_observations = len(policy.contract.observations)
+    low_pass = LowPass(1, num_observations, TICKS_PER_STEP, CONTROL_HZ)
+    signal = np.random.default_rng(0).standard_normal((1, TICKS_PER_STEP, num_observations))
+    robot = np.array([0])
+    times = [_timed(lambda: policy(low_pass([signal]), robot)) for _ in range(repeats)]
+    return {"bench.policy_step_us": round(1e6 * float(np.median(times)), 1)}
+
+
+def live_page(num_robots: int, seconds: float) -> dict[str, float]:
+    """What the live page could do with nothing else to wait for: simulate, judge, place all bodies, write messages.
+
+    Its headroom is how many times as fast it is as it has to be: frames per second over the 50 (25 for a crowd) of
+    real time. What the browser draws is the browser's own affair.
+    """
+    from surefoot.viewer.page import Page
+    from surefoot.viewer.session import horizontal_push
+    from surefoot.viewer.source import PolicySource
+
+    page = Page(PolicySource("nominal"), num_robots, port=0)
+    try:
+        page.player.stop()
+        page.player.session.push(horizontal_push("root", 0.0, 40.0))
+        frames, steps, began = 0, 0, time.perf_counter()
+        while time.perf_counter() - began < seconds:
+            steps += page.player.frame()
+            frames += 1
+        passed = time.perf_counter() - began
+    finally:
+        page.close()
+    return {
+        f"bench.play_physics_steps_per_s_{num_robots}": round(steps * num_robots * TICKS_PER_STEP / passed),
+        f"bench.play_frames_per_s_{num_robots}": round(frames / passed),
+        f"bench.play_headroom_{num_robots}": round(frames / passed / page.player.frames_per_second, 2),
+    }
+
+
+def standing_network() -> NetworkAgent:
+    """A new network of the paper's size that holds the nominal pose: as fast as any trained one."""
+    from surefoot.agents.contract import Contract
+    from surefoot.agents.policy_file import network_bytes
+    from surefoot.robots.robot import load_robot
+
+    robot = load_robot()
+    sizes = [len(observation.component_names(robot)), 100, 50, 25, robot.num_joints]
+    layers = [(np.zeros((o, i)), np.zeros(o)) for i, o in zip(sizes[:-1], sizes[1:], strict=True)]
+    contract = Contract.of(robot, EnvConfig().pose, 1.0)
+    return NetworkAgent(network_bytes(layers, np.zeros(sizes[0]), np.ones(sizes[0]), False, contract), "standing")
+
+
+def bench_table(figures: dict[str, float]) -> Table:
+    """The figures with their goals, for the terminal."""
+    table = Table(title="surefoot bench", title_justify="left")
+    for column in ("figure", "value", "goal"):
+        table.add_column(column, justify="left" if column == "figure" else "right")
+    for key, value in figures.items():
+        goal = "{1} {0:g}".format(*TARGETS[key]) if key in TARGETS else ""
+        table.add_row(key, f"{value:g}", goal)
+    return table
+
+
+def _timed(function: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    function()
+    return time.perf_counter() - began

@@ -1,0 +1,217 @@
+"""Commands that learn: train, reproduce."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from surefoot.cli.terminal import (
+    check_not_negative,
+    check_positive,
+    clock,
+    console,
+    evaluation_bar,
+    needs_torch,
+    training_bar,
+)
+from surefoot.errors import UserError
+
+if TYPE_CHECKING:
+    from surefoot.cli.reproduce import Study
+
+
+@dataclass(frozen=True)
+class Train:
+    """Learn a policy. Ctrl-C stops a run; --resume takes it up again."""
+
+    algorithm: str = "ddpg"
+    """trpo, ppo or ddpg."""
+    preset: str = "fast"
+    """fast (minutes on a laptop), wide (half an hour: larger pushes, on every body, and drops), steady (after a run of
+    wide: standing still), complete (after one of steady: everything else, and no needless steps) or paper (the paper's
+    hyperparameters, pose and pushes)."""
+    run: Path | None = None
+    """Folder of the run; runs/PRESET-ALGORITHM-SEED without it."""
+    minutes: float | None = None
+    """Wall-clock budget; the preset's without it."""
+    steps: int | None = None
+    """Budget in policy steps; the run ends with the first budget that is used up."""
+    seed: int = 0
+    """Seed of everything random."""
+    resume: Path | None = None
+    """Go on with the run in this folder instead of starting one."""
+    after: Path | None = None
+    """Begin with the networks that the run in this folder ended with, or fine-tune a policy (a shipped one's name or a
+    file): its critic is learned first."""
+
+    def main(self) -> None:
+        with needs_torch():
+            from surefoot.learning.config import preset
+            from surefoot.learning.inheritance import forerunner
+            from surefoot.learning.run_folder import RunFolder
+            from surefoot.learning.train import train, with_budget
+        check_positive("minutes", self.minutes)
+        check_positive("steps", self.steps)
+        check_not_negative("seed", self.seed)
+        if self.resume and self.after:
+            raise UserError("--after is for a new run; one that is resumed knows what it began with")
+        if self.resume is None:
+            config = with_budget(preset(self.preset, self.algorithm), self.minutes, self.steps, self.seed)
+            folder = self.run or Path("runs") / f"{config.preset}-{config.algorithm}-{config.seed}"
+        else:
+            config, folder = RunFolder(self.resume).config(), self.resume
+            config = with_budget(config, self.minutes, self.steps, config.seed)
+        if self.after:
+            forerunner(config, self.after)
+        console.print(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
+        console.print("the bar ends with the impulses about rejected now: forward/left/backward/right")
+        try:
+            with training_bar() as show:
+                train(config, folder, self.resume is not None, show, self.after)
+        except KeyboardInterrupt:
+            console.print(f"interrupted; go on with: surefoot train --resume {folder}")
+            raise
+        console.print(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """The paper's whole study: train three algorithms over seeds, evaluate each on the paper's tests, make the page.
+
+    Every stage that is done is skipped, so that the same command goes on after an interruption. Seven seeds as in the
+    paper are 21 trainings of 15 to 20 minutes and as many evaluations: seven to eight hours on two free cores.
+    """
+
+    fast: bool = False
+    """Three seeds instead of seven."""
+    minutes: float | None = None
+    """Wall-clock budget of each training; the preset's without it."""
+    preset: str = "fast"
+    """Of the trainings, as for `surefoot train`."""
+    suite: str = "paper"
+    """Of the evaluations, as for `surefoot evaluate`."""
+    out: Path = Path("runs/reproduce")
+    """Folder for run folders, results table and page."""
+
+    def main(self) -> None:
+        with needs_torch():
+            from surefoot.cli import reproduce
+        from surefoot.evaluation.scenario_file import suite
+
+        check_positive("minutes", self.minutes)
+        num_seeds = reproduce.FAST_SEEDS if self.fast else reproduce.FULL_SEEDS
+        study = reproduce.Study(self.out, num_seeds, self.minutes, self.preset, scenarios=suite(self.suite))
+        try:
+            self._run(study)
+        except KeyboardInterrupt:
+            console.print("interrupted; the same command goes on from here")
+            raise
+
+    def _run(self, study: Study) -> None:
+        from surefoot.cli import reproduce
+
+        runs, measured = study.runs(), list[float]()
+        num_lines = sum(len(scenario.lines()) for scenario in study.scenarios)
+        for number, run in enumerate(runs):
+            for stage, is_done in (("train", run.is_trained), ("evaluate", run.is_evaluated)):
+                words = f"{2 * number + 1 + (stage == 'evaluate')}/{2 * len(runs) + 1} {stage} {run.folder.name}"
+                if is_done:
+                    console.print(f"{words}: done before")
+                    continue
+                left = clock(reproduce.seconds_left(runs, measured))
+                console.print(f"{words}; about {left} left in all")
+                if stage == "train":
+                    with training_bar() as show:
+                        reproduce.train_run(run, show)
+                else:
+                    began = time.monotonic()
+                    with evaluation_bar(num_lines) as watch:
+                        reproduce.evaluate_run(run, watch)
+                    measured.append(time.monotonic() - began)
+        console.print(f"{2 * len(runs) + 1}/{2 * len(runs) + 1} report")
+        reproduce.report_study(study)
+        console.print(f"page: {study.out / 'report.html'}", soft_wrap=True)
+
+
+@dataclass(frozen=True)
+class Select:
+    """Choose the best of several runs' policies by held-out trials that no training has seen."""
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Run folders, whose best and last policies compete, and policy files."""
+    out: Path | None = None
+    """Write the best one to this file, with what was found in its training record."""
+    rounds: int = 4
+    """Sets of trials for each: 128 of pushes at the root, 318 of everything up to our goals."""
+    mean_minutes: float | None = None
+    """Let means compete too, of the weights of all policies that a run kept within so many minutes."""
+
+    def main(self) -> None:
+        with needs_torch():
+            from surefoot.learning.selection import files, judge, means, shipped_bytes
+
+        check_positive("rounds", self.rounds)
+        check_positive("mean-minutes", self.mean_minutes)
+        competing = files(self.runs)
+        if self.mean_minutes:
+            competing += [file for run in self.runs if run.is_dir() for file in means(run, self.mean_minutes)]
+        candidates = []
+        for file in competing:
+            with console.status(f"probing {file}"):
+                found = judge(file, self.rounds)
+            candidates.append(found)
+            worst = min(found.rejected, key=lambda name: found.rejected[name])
+            console.print(
+                f"{file}: {found.recovered:.3f} recovered, {found.calm:.2f} calm, "
+                f"worst direction {worst} {found.rejected[worst]:.0f} Ns; "
+                + ", ".join(f"{name} {share:.2f}" for name, share in found.passed.items()),
+                soft_wrap=True,
+            )
+        best = max(candidates, key=lambda candidate: candidate.score)
+        console.print(f"best: {best.file}", soft_wrap=True)
+        if self.out:
+            self.out.write_bytes(shipped_bytes(best))
+
+
+@dataclass(frozen=True)
+class Ablate:
+    """What each part of the preset `fast` gives DDPG: learn without one of them at a time, and compare.
+
+    A run that is done is skipped, so that the same command goes on after an interruption. Each takes about two minutes
+    on two free cores.
+    """
+
+    without: tuple[str, ...] = ()
+    """What to leave out; everything, one at a time, without it. A wrong name is answered with the valid ones."""
+    steps: int = 250_000
+    """Policy steps of each run, the first of the preset's schedule."""
+    seed: int = 0
+    """Seed of everything random."""
+    out: Path = Path("runs/ablations")
+    """Folder of the run folders."""
+    export: Path | None = None
+    """Folder for the learning curves, NAME.csv."""
+
+    def main(self) -> None:
+        with needs_torch():
+            from surefoot.learning.ablations import LEFT_OUT, ablate, ablation_table
+
+        check_positive("steps", self.steps)
+        check_not_negative("seed", self.seed)
+        for name in self.without:
+            if name not in LEFT_OUT:
+                raise UserError(f"unknown part '{name}'; valid: {', '.join(LEFT_OUT)}")
+        curves = {}
+        for name in self.without or LEFT_OUT:
+            console.print(f"without {name}: {self.steps:,} policy steps in {self.out / name}")
+            with training_bar() as show:
+                curves[name] = ablate(name, self.out, self.steps, self.seed, show)
+            if self.export:
+                self.export.mkdir(parents=True, exist_ok=True)
+                shutil.copy(self.out / name / "curve.csv", self.export / f"{name}.csv")
+        console.print(ablation_table(curves).rich())

@@ -1,0 +1,151 @@
+"""Reproduce: the paper's whole study. Three algorithms, several seeds; each is trained, evaluated, and reported.
+
+Every stage leaves its result in the folder and is skipped when that is there: a training its run folder and a mark, an
+evaluation its rows in the results table. A training that was interrupted goes on from its checkpoint, an evaluation
+after its last trial.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from surefoot.agents.agent import Policy
+from surefoot.agents.load import load_policy
+from surefoot.errors import UserError
+from surefoot.evaluation.evaluate import OnProgress, run_scenarios
+from surefoot.evaluation.results import Results, setup_digest
+from surefoot.evaluation.scenarios import PAPER, Scenario
+from surefoot.learning.config import TrainConfig, preset
+from surefoot.learning.curve import read_curves
+from surefoot.learning.train import Progress, train, with_budget
+from surefoot.report.page import Report, make_report
+
+ALGORITHMS = ("trpo", "ppo", "ddpg")
+FULL_SEEDS, FAST_SEEDS = 7, 3
+"""The paper averages over 7 learning trials."""
+GUESSED_EVALUATION_S = 300.0
+"""Time of an evaluation while none has been measured."""
+
+_TRAINED = ".trained"
+_RUN_FILES = ("config.json", "curve.csv", "best.onnx", "last.onnx")
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is to be done, and where.
+
+    Attributes:
+        minutes: of each training; the preset's without it.
+    """
+
+    out: Path
+    num_seeds: int = FULL_SEEDS
+    minutes: float | None = None
+    preset: str = "fast"
+    algorithms: tuple[str, ...] = ALGORITHMS
+    scenarios: tuple[Scenario, ...] = PAPER
+
+    @property
+    def results(self) -> Path:
+        return self.out / "results.sqlite"
+
+    def runs(self) -> list[Run]:
+        """All trainings, seed by seed, so that every algorithm has as many when it is cut short."""
+        return [
+            Run(
+                self.out / f"{algorithm}-{seed}",
+                with_budget(preset(self.preset, algorithm), self.minutes, None, seed),
+                self,
+            )
+            for seed in range(self.num_seeds)
+            for algorithm in self.algorithms
+        ]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training and its evaluation."""
+
+    folder: Path
+    config: TrainConfig
+    study: Study
+
+    @property
+    def is_trained(self) -> bool:
+        return (self.folder / _TRAINED).exists()
+
+    @property
+    def is_evaluated(self) -> bool:
+        """Are all scenarios of the study in the results table, for this very policy?"""
+        if not self.is_trained or not self.study.results.exists():
+            return False
+        policy = load_policy(self.folder)
+        with Results(self.study.results) as results:
+            rows = results.query("SELECT scenario FROM scenarios WHERE policy = ? AND setup = ?", *_key(policy))
+        return {scenario.name for scenario in self.study.scenarios} <= {row["scenario"] for row in rows}
+
+
+def train_run(run: Run, on_progress: Callable[[Progress], None] | None = None) -> None:
+    """Train, from the checkpoint if there is one.
+
+    Raises:
+        KeyboardInterrupt: on Ctrl-C, after a checkpoint.
+        UserError: the folder holds something else.
+    """
+    if run.is_trained:
+        return
+    resume = (run.folder / "checkpoint.npz").exists()
+    if not resume:
+        _clear(run.folder)
+    train(run.config, run.folder, resume, on_progress)
+    (run.folder / _TRAINED).touch()
+
+
+def evaluate_run(run: Run, on_progress: OnProgress | None = None) -> None:
+    """Run all scenarios of the study that are not in the results table yet."""
+    if run.is_evaluated:
+        return
+    policy, began = load_policy(run.folder), time.monotonic()
+    with Results(run.study.results) as results:
+        thresholds = run_scenarios(policy, run.study.scenarios, results.trials_of(policy), on_progress)
+        results.add_thresholds(policy, thresholds)
+        results.add_scenarios(policy, run.study.scenarios, time.monotonic() - began)
+
+
+def report_study(study: Study, on_progress: Callable[[str], None] = lambda words: None) -> Report:
+    """The report of all evaluations so far, with the learning curves; also written to the study's folder."""
+    folders = [run.folder for run in study.runs() if run.is_trained]
+    report = make_report([study.results], read_curves(study.out), folders, on_progress=on_progress)
+    (study.out / "report.html").write_text(report.html())
+    (study.out / "report.md").write_text(report.markdown())
+    return report
+
+
+def seconds_left(runs: Sequence[Run], measured: Iterable[float] = ()) -> float:
+    """Time that the stages which are not done yet will take [s].
+
+    Args:
+        measured: time of the evaluations so far [s].
+    """
+    known = list(measured)
+    evaluation = sum(known) / len(known) if known else GUESSED_EVALUATION_S
+    training = sum(60.0 * run.config.minutes for run in runs if not run.is_trained)
+    return training + evaluation * sum(not run.is_evaluated for run in runs)
+
+
+def _clear(folder: Path) -> None:
+    """Remove what a training left that was killed before its first checkpoint."""
+    if not folder.exists():
+        return
+    strange = [f.name for f in folder.iterdir() if f.name not in _RUN_FILES and not f.name.startswith((".", "events."))]
+    if strange:
+        raise UserError(f"{folder} holds {strange[0]}, which no training wrote; give another --out")
+    shutil.rmtree(folder)
+
+
+def _key(policy: Policy) -> tuple[str, str]:
+    return policy.digest, setup_digest(policy.contract.robot)

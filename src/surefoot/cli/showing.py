@@ -1,0 +1,116 @@
+"""Commands that show: report, pictures, demo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from surefoot.cli.learning import Train
+from surefoot.cli.terminal import console, write_text
+from surefoot.cli.testing import chosen_scenarios, evaluate_policy
+from surefoot.errors import UserError
+
+DEMO_MARK = ".surefoot-demo"
+"""An empty file by which a demo knows a folder as its own."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """Make one HTML page of results tables, with every table and figure of the paper.
+
+    It reads results. Only the few single trials that it draws (motion, footprints, film strips: six a policy) are run
+    again; that needs the policies, and OpenGL for the film strips. What is missing is left out with a note.
+    """
+
+    results: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Results tables (SQLite) of `surefoot evaluate`; all their policies are set side by side."""
+    out: Path = Path("report.html")
+    """The page."""
+    markdown: Path | None = None
+    """Write the tables to this file too, as Markdown."""
+    curves: Path | None = None
+    """Folder with learning curves: run folders, or ALGORITHM-SEED.csv as in results/curves."""
+    policies: tuple[str, ...] = ()
+    """Policy files and run folders that are neither shipped nor in runs/."""
+    trials: bool = True
+    """Run the trials again that are drawn."""
+
+    def main(self) -> None:
+        from surefoot.learning.curve import read_curves
+        from surefoot.report.page import make_report
+
+        curves = read_curves(self.curves) if self.curves else {}
+        with console.status("reading") as status:
+            report = make_report(self.results, curves, self.policies, self.trials, status.update)
+        write_text(self.out, report.html())
+        for section in report.sections:
+            for note in section.notes:
+                console.print(f"{section.name}: {note}", markup=False, soft_wrap=True)
+        console.print(f"page: {self.out}, {self.out.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
+        if self.markdown:
+            write_text(self.markdown, report.markdown())
+            console.print(f"tables: {self.markdown}", soft_wrap=True)
+
+
+@dataclass(frozen=True)
+class Demo:
+    """The whole way in a few minutes: learn a policy, evaluate it, print the table, draw the pictures."""
+
+    minutes: float = 3.0
+    """Time for learning."""
+    algorithm: str = "ddpg"
+    """trpo, ppo or ddpg."""
+    out: Path = Path("runs/demo")
+    """Folder for the run, its results and its pictures."""
+    seed: int = 0
+    """Seed of everything random."""
+
+    def main(self) -> None:
+        mark = self.out / DEMO_MARK
+        if mark.exists():  # an earlier demo's folder; nothing else is ever removed
+            for file in self.out.iterdir():
+                file.unlink()
+        Train(algorithm=self.algorithm, preset="fast", run=self.out, minutes=self.minutes, seed=self.seed).main()
+        mark.touch()
+        pushes = chosen_scenarios("root", 4)
+        evaluate_policy(str(self.out), pushes, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
+        Pictures(self.out / "thresholds.csv", self.out, str(self.out), self.out).main()
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Draw the pictures of results: bars beside the paper, polar map, learning curves, film strip."""
+
+    thresholds: Path = Path("results/thresholds.csv")
+    """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
+    curves: Path = Path("results/curves")
+    """Folder with learning curves: ALGORITHM-SEED.csv, or the curve.csv of one run."""
+    policy: str = "best"
+    """The policy of the film strip, as for `surefoot evaluate`; it must be among the thresholds."""
+    out: Path = Path("docs/pictures")
+    """Folder for the pictures."""
+
+    def main(self) -> None:
+        from surefoot.agents.load import load_policy
+        from surefoot.evaluation.results import read_thresholds
+        from surefoot.learning.curve import read_curves
+        from surefoot.report import pictures, plots
+
+        policies, policy = read_thresholds(self.thresholds), load_policy(self.policy)
+        if policy.name not in policies:
+            raise UserError(f"no thresholds of '{policy.name}' in {self.thresholds}; valid: {', '.join(policies)}")
+        self.out.mkdir(parents=True, exist_ok=True)
+        with console.status("drawing pictures"):
+            drawn = pictures.draw_thresholds(policies, policy.robot, self.out)
+            drawn.append(self.out / "curves.png")
+            plots.learning_curves(read_curves(self.curves), drawn[-1])
+            try:
+                drawn.append(pictures.draw_strip(policy, policies[policy.name], self.out / "strip.png"))
+            except UserError as error:  # a machine without OpenGL still gets the plots
+                console.print(f"no film strip: {error}", markup=False, soft_wrap=True)
+        for picture in drawn:
+            console.print(f"picture: {picture}")

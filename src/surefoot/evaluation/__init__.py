@@ -1,0 +1,1 @@
+"""Evaluation: trials, the one definition of success, and the search for thresholds."""

@@ -1,0 +1,140 @@
+"""Evaluation: how hard a disturbance a policy survives. All lines of all scenarios share one batch of robots."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import Protocol
+
+from surefoot.agents.agent import Policy
+from surefoot.agents.controllers.controller import ControllerAgent
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario
+from surefoot.evaluation.threshold_search import Ask, Fixed, Threshold, ThresholdSearch
+from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
+
+__all__ = ["DIRECTIONS", "Line", "Store", "Threshold", "find_thresholds", "push_lines", "run_scenarios"]
+
+
+class Store(Protocol):
+    """Keeps outcomes, so that an interrupted evaluation repeats nothing."""
+
+    def get(self, trial: Trial) -> Outcome | None: ...
+
+    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None: ...
+
+
+OnProgress = Callable[[int, int, list[tuple[Line, float]]], None]
+"""Told after every trial: trials done, lines done, and the size reached along each line."""
+
+
+def push_lines(num_directions: int = 4) -> list[Line]:
+    """Lines of pushes at the root in evenly spaced directions; the four main ones bear their names."""
+    return Scenario("root_push", directions=num_directions).lines()
+
+
+def run_scenarios(
+    policy: Policy | ControllerAgent,
+    scenarios: Iterable[Scenario],
+    store: Store | None = None,
+    on_progress: OnProgress | None = None,
+    **options,
+) -> list[Threshold]:
+    """Run the trials of all scenarios, those in the same world as one batch.
+
+    Args:
+        store: asked before a trial is run, told afterwards.
+        options: those of `run_trials`.
+
+    Returns:
+        The thresholds of all lines that are searched.
+    """
+    scenarios = list(scenarios)
+    thresholds: list[Threshold] = []
+    for domain in dict.fromkeys(scenario.domain for scenario in scenarios):
+        lines = [line for s in scenarios if s.domain == domain for line in s.lines()]
+        search = _Search(lines, store, on_progress)
+        run_trials(policy, search, domain=domain, **options)
+        thresholds += search.thresholds()
+    return thresholds
+
+
+def find_thresholds(
+    policy: Policy | ControllerAgent,
+    lines: Sequence[Line],
+    store: Store | None = None,
+    on_progress: OnProgress | None = None,
+    num_slots: int = NUM_SLOTS,
+    num_threads: int = 0,
+) -> list[Threshold]:
+    """Search several lines of one world at once, in one batch of robots; arguments as for `run_scenarios`."""
+    search = _Search(lines, store, on_progress)
+    run_trials(policy, search, num_slots, num_threads, domain=lines[0].scenario.domain)
+    return search.thresholds()
+
+
+def whole_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:
+    """Outcomes of the whole trials at a threshold."""
+    cell = round(threshold.size / threshold.line.grid)
+    trials = (threshold.line.trial(cell, seed, whole=True) for seed in range(threshold.trials))
+    return [outcome for trial in trials if (outcome := store.get(trial))]
+
+
+class _Search(TrialSource):
+    """Hands out the trials of all lines in turn, and known outcomes without running them."""
+
+    def __init__(self, lines: Sequence[Line], store: Store | None, on_progress: OnProgress | None):
+        self._recall = store.get if store is not None else lambda trial: None
+        self.climbs: list[ThresholdSearch | Fixed] = [
+            ThresholdSearch(line, self._recall) if line.scenario.search else Fixed(line) for line in lines
+        ]
+        self._store = store
+        self._on_progress = on_progress
+        self._num_done = 0
+        self._turn = deque(self.climbs)
+        self._running: dict[Trial, list[tuple[ThresholdSearch | Fixed, Ask]]] = {}
+
+    def thresholds(self) -> list[Threshold]:
+        return [climb.result() for climb in self.climbs if isinstance(climb, ThresholdSearch)]
+
+    def next(self) -> Trial | None:
+        while (found := self._ask()) is not None:
+            climb, ask = found
+            if ask.trial in self._running:  # two lines may ask for the same trial, with and without stepping
+                self._running[ask.trial].append((climb, ask))
+                continue
+            known = self._recall(ask.trial)
+            if known is None:
+                self._running[ask.trial] = [(climb, ask)]
+                return ask.trial
+            climb.report(ask, known)
+        return None
+
+    def _ask(self) -> tuple[ThresholdSearch | Fixed, Ask] | None:
+        """What is needed comes first; only if nothing is, what may be needed."""
+        for ahead in (False, True):
+            for _ in range(len(self._turn)):
+                climb = self._turn[0]
+                self._turn.rotate(-1)
+                ask = climb.next(ahead)
+                if ask is not None:
+                    return climb, ask
+        return None
+
+    def report(self, trial: Trial, outcome: Outcome) -> None:
+        asked = self._running.pop(trial)
+        if self._store is not None:
+            self._store.put(trial, outcome, asked[0][0].line.scenario.name)
+        for climb, ask in asked:
+            climb.report(ask, outcome)
+        self._num_done += 1
+        if self._on_progress:
+            num_lines = sum(climb.done for climb in self.climbs)
+            self._on_progress(self._num_done, num_lines, [(climb.line, climb.reached) for climb in self.climbs])
+
+    def wants(self, trial: Trial) -> bool:
+        return any(climb.wants(ask) for climb, ask in self._running[trial])
+
+    def drop(self, trial: Trial) -> None:
+        for climb, ask in self._running.pop(trial):
+            climb.drop(ask)

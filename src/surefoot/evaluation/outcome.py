@@ -1,0 +1,64 @@
+"""The outcome of a trial."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from surefoot.evaluation.strategies import STEP_LENGTH
+from surefoot.robots.robot import Robot, joint_group
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a trial.
+
+    Attributes:
+        recovered: by the one definition of success (`docs/method.md`).
+        reason: "recovered", "fell", "restless" (CoM too fast at the end), "tilted" or "diverged"; or how its controller
+            failed: "raised", "not finite", "wrong shape" or "too late".
+        seconds: from the beginning of the disturbance to the end of the trial; negative if that came before.
+        foot_shift: farthest that a foot came from its place at the disturbance [m].
+        com_speed: mean over the judged time [m/s]; NaN if the trial ended before.
+        root_tilt: largest angle of the root from upright since the disturbance began [rad].
+        ankle, hip, foot_tilt, steps: the strategies (`surefoot.strategies`); steps are counted.
+        calm_drift: farthest that the CoM came, horizontally, from where it was when the calm time began [m].
+        calm_power: mean of sum |torque * velocity| over the calm time [W].
+        calm_steps: steps in the calm time. These three are NaN for a trial that ended before its horizon.
+        torque_ratio, speed_ratio: largest share of a joint's torque and speed limit that was used.
+        torque_peaks, speed_peaks: largest torque [Nm] and speed [rad/s] by joint group.
+        saturated_s: time that the most saturated joint of each group was at its torque limit [s].
+    """
+
+    recovered: bool
+    reason: str
+    seconds: float
+    foot_shift: float
+    com_speed: float
+    root_tilt: float
+    ankle: bool
+    hip: bool
+    foot_tilt: bool
+    steps: int
+    calm_drift: float
+    calm_power: float
+    calm_steps: float
+    torque_ratio: float
+    speed_ratio: float
+    torque_peaks: tuple[float, ...]
+    speed_peaks: tuple[float, ...]
+    saturated_s: tuple[float, ...]
+
+    @property
+    def without_step(self) -> bool:
+        """Recovered, and no foot left its place."""
+        return self.recovered and self.foot_shift <= STEP_LENGTH
+
+
+def joint_groups(robot: Robot) -> tuple[str, ...]:
+    """Names of the joint groups in the order of their peaks: a joint's name without its side."""
+    return tuple(dict.fromkeys(joint_group(name) for name in robot.joint_names))
+
+
+def _group_columns(robot: Robot) -> list[list[int]]:
+    of_joint = [joint_group(name) for name in robot.joint_names]
+    return [[i for i, group in enumerate(of_joint) if group == name] for name in joint_groups(robot)]

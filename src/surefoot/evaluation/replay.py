@@ -1,0 +1,99 @@
+"""Replay: one trial of a results table again, bit for bit, and what of its outcome differs, if anything does."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib.resources
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from surefoot.agents.agent import Policy
+from surefoot.agents.controllers import PREFIX, load_agent
+from surefoot.agents.controllers.controller import ControllerAgent
+from surefoot.agents.load import load_policy, shipped_policies
+from surefoot.agents.network import NetworkAgent
+from surefoot.agents.nominal import NominalAgent
+from surefoot.agents.policy_file import SUFFIX
+from surefoot.errors import UserError
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.results import Row, setup_digest
+from surefoot.evaluation.trials import run_list
+from surefoot.robots.robot import load_robot
+
+RUNS = Path("runs")
+"""Where a policy is looked for beside the package: `surefoot train` and `reproduce` write here."""
+
+
+def find_policy(name: str, digest: str, given: str | Path | None = None) -> Policy | ControllerAgent:
+    """The policy or controller of this digest: the given one, or else among the shipped ones, the nominal pose and
+    `runs/`.
+
+    Args:
+        name: what results call it, for errors.
+        given: a shipped policy's name, a policy file, a run folder, or a controller's name.
+
+    Raises:
+        UserError: the given policy has another digest, or there is none of this digest.
+    """
+    if given is not None:
+        folder = Path(given)
+        files = sorted(map(str, folder.glob(f"*{SUFFIX}"))) if folder.is_dir() else [str(given)]
+        loaded = [load_agent(file) for file in files] or [load_policy(given)]
+        for policy in loaded:
+            if policy.digest == digest:
+                return policy
+        found = ", ".join(policy.digest[:12] for policy in loaded)
+        raise UserError(f"{given} is another policy: its digest is {found}, that of '{name}' is {digest[:12]}")
+    if name.startswith(PREFIX):
+        controller = load_agent(name)
+        if controller.digest == digest:
+            return controller
+        raise UserError(f"{name} was another one: its digest was {digest[:12]}, now it is {controller.digest[:12]}")
+    for pose in load_robot().poses:
+        nominal = NominalAgent(pose=pose)
+        if nominal.digest == digest:
+            return nominal
+    for data, place in _policy_files():
+        if hashlib.sha256(data).hexdigest() == digest:
+            return NetworkAgent(data, name, place)
+    raise UserError(
+        f"no policy '{name}' of digest {digest[:12]} among the shipped ones ({', '.join(shipped_policies())}) and in "
+        f"{RUNS}/; give it with --policy"
+    )
+
+
+def _policy_files() -> Iterator[tuple[bytes, str]]:
+    shipped = importlib.resources.files("surefoot.agents") / "shipped"
+    for name in shipped_policies():
+        yield (shipped / f"{name}{SUFFIX}").read_bytes(), name
+    for file in sorted(RUNS.rglob(f"*{SUFFIX}")):
+        yield file.read_bytes(), str(file)
+
+
+def check_setup(setup: str, robot: str, what: str) -> None:
+    """Raises UserError: `what` was made under another setup than this version of surefoot has."""
+    now = setup_digest(robot)
+    if setup != now:
+        raise UserError(
+            f"{what} was run with another robot model, MuJoCo or protocol: its setup digest is {setup[:12]}, that of "
+            f"this installation is {now[:12]}"
+        )
+
+
+def replay(row: Row, policy: Policy | ControllerAgent) -> Outcome:
+    """Run the row's trial again, alone; it had up to 191 neighbours."""
+    trial = row.trial
+    return run_list(policy, [trial], num_slots=1, num_threads=1, domain=trial.domain)[trial]
+
+
+def differences(before: Outcome, after: Outcome) -> list[tuple[str, Any, Any]]:
+    """Name, old and new value of every field that is not the same to the last bit."""
+    pairs = [(f.name, getattr(before, f.name), getattr(after, f.name)) for f in dataclasses.fields(Outcome)]
+    return [(name, old, new) for name, old, new in pairs if not _same(old, new)]
+
+
+def _same(old: Any, new: Any) -> bool:
+    return old == new or (isinstance(old, float) and isinstance(new, float) and math.isnan(old) and math.isnan(new))

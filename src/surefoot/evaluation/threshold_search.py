@@ -1,0 +1,271 @@
+"""ThresholdSearch: the search for the rejected impulse along one line, by the one definition of success.
+
+J Ns *holds* when at least 95 % of at least 40 whole trials recover and no smaller cell of the 6 Ns grid gives way:
+each smaller cell has at least 8 trials, and over any four neighbouring ones together at least 90 % recover. The
+rejected impulse is the largest J that holds. Heights and tilts are searched likewise, each on its own grid.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.scenarios import Line
+from surefoot.evaluation.trials import Trial
+
+NUM_SAMPLED = 8
+NUM_WHOLE = 40
+MIN_SHARE = 0.95
+NEIGHBOURS = 4
+MIN_NEIGHBOUR_SHARE = 0.90
+LOOK_AHEAD = 12
+"""Candidates that are judged at once while robots would stand idle otherwise."""
+NUM_FIRST = 6
+"""Whole trials of a cell that come first, of seeds that rule it out soonest; the others only of the candidate."""
+
+_MAX_FAILURES = int((1.0 - MIN_SHARE) * NUM_WHOLE + 1e-9)
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """The largest recovered size along a line: the rejected impulse, the height or the tilt.
+
+    Attributes:
+        size: in the scenario's unit; 0 if not even the smallest cell holds.
+        trials, recovered: whole trials at that size, and how many recovered (0 of 0 at a size of 0).
+        low, high: Wilson 95 % interval of the recovered share there.
+        limited_by: what stopped it: "gives way", "share" or "search".
+    """
+
+    line: Line
+    size: float
+    trials: int
+    recovered: int
+    low: float
+    high: float
+    limited_by: str
+
+
+def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
+    """Wilson score interval of a share (E. B. Wilson 1927); (0, 1) for no trials."""
+    if trials == 0:
+        return 0.0, 1.0
+    share = successes / trials
+    center = share + z * z / (2 * trials)
+    spread = z * np.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
+    scale = 1 + z * z / trials
+    return max(0.0, float((center - spread) / scale)), min(1.0, float((center + spread) / scale))
+
+
+@dataclass(frozen=True)
+class Ask:
+    """A trial that a line wants, and for which of its cells."""
+
+    trial: Trial
+    cell: int
+    whole: bool
+
+
+class Fixed:
+    """The trials of a line along which nothing is searched."""
+
+    def __init__(self, line: Line):
+        self.line = line
+        trials = line.fixed_trials()
+        self._todo = deque(Ask(trial, 0, whole=True) for trial in trials)
+        self._left = len(trials)
+
+    @property
+    def done(self) -> bool:
+        return self._left == 0
+
+    @property
+    def reached(self) -> float:
+        return float(self.line.scenario.trials - self._left)
+
+    def next(self, ahead: bool) -> Ask | None:
+        return self._todo.popleft() if self._todo and not ahead else None
+
+    def report(self, ask: Ask, outcome: Outcome) -> None:
+        self._left -= 1
+
+    def wants(self, ask: Ask) -> bool:
+        return True
+
+    def drop(self, ask: Ask) -> None:
+        """Never happens: every trial is wanted."""
+
+
+class ThresholdSearch:
+    """The search along one line: climb the grid until cells give way, then descend to the first that holds.
+
+    Args:
+        recall: the outcome of a trial that was run before, or None. What is known is taken in before anything is
+            asked for, so that a repeated search asks for nothing that the first one could leave out.
+    """
+
+    def __init__(self, line: Line, recall: Callable[[Trial], Outcome | None]):
+        self.line = line
+        self._recall = recall
+        self.top = line.num_cells
+        """The highest cell that may still hold: every smaller one is to be sampled, none of them gives way."""
+        self.gave_way = False
+        self.sampled: dict[int, list[bool]] = {}
+        self.whole: dict[int, list[bool]] = {}
+        self._num_sampling = 0
+        self._to_sample: deque[tuple[int, int]] = deque()
+        self._to_judge: dict[int, list[int]] = {}
+        self._num_failures = [0] * NUM_WHOLE
+        """By seed, of whole trials at any cell."""
+        self._candidate: int | None = None
+        self._found_candidates: list[int] | None = None
+        for cell in range(1, self.top):
+            for seed in range(NUM_SAMPLED):
+                known = recall(line.trial(cell, seed, whole=False))
+                if known is None:
+                    self._to_sample.append((cell, seed))
+                else:
+                    self._add_sample(cell, line.succeeded(known))
+
+    @property
+    def done(self) -> bool:
+        return self._candidate is not None and not self._undecided(self._candidate)
+
+    @property
+    def reached(self) -> float:
+        """Lower end of what is not yet known, for showing."""
+        if self._candidate is not None:
+            return self.line.size(self._candidate)
+        full = [cell for cell, outcomes in self.sampled.items() if len(outcomes) == NUM_SAMPLED]
+        return self.line.size(min(max(full, default=0), self.top))
+
+    def next(self, ahead: bool) -> Ask | None:
+        """The next trial; with `ahead`, one that is only needed if the candidate turns out not to hold."""
+        if self._candidate is None:
+            return None if ahead else self._next_sample()
+        for cell in self._candidates()[1 if ahead else 0 : LOOK_AHEAD if ahead else 1]:
+            if cell not in self._to_judge:
+                self._begin_candidate(cell)
+                if cell == self._candidate and self._descend():
+                    return self.next(ahead)
+            num_asked, num_known = NUM_WHOLE - len(self._to_judge[cell]), len(self.whole[cell])
+            if num_asked < NUM_FIRST or (not ahead and num_known >= NUM_FIRST and num_asked < NUM_WHOLE):
+                return self._ask(cell, self._take_seed(cell), whole=True)
+        return None
+
+    def _next_sample(self) -> Ask | None:
+        while self._to_sample:
+            cell, seed = self._to_sample.popleft()
+            if cell < self.top:
+                self._num_sampling += 1
+                return self._ask(cell, seed, whole=False)
+        if self._num_sampling:
+            return None
+        self._candidate, self._found_candidates = self._next_candidate(self.top), None
+        return self.next(ahead=False)
+
+    def _ask(self, cell: int, seed: int, whole: bool) -> Ask:
+        return Ask(self.line.trial(cell, seed, whole), cell, whole)
+
+    def _candidates(self) -> list[int]:
+        """The candidate, and who comes next should it not hold; none once it does. The same until a report."""
+        if self._found_candidates is None:
+            cells: list[int] = []
+            self._found_candidates = cells
+            cell = self._candidate or 0
+            while cell > 0 and len(cells) < LOOK_AHEAD and self._undecided(self._candidate or 0):
+                cells.append(cell)
+                cell = self._next_candidate(cell - 1)
+        return self._found_candidates
+
+    def _undecided(self, cell: int) -> bool:
+        return cell > 0 and len(self.whole.get(cell, [])) < NUM_WHOLE
+
+    def _take_seed(self, cell: int) -> int:
+        """The next one of a candidate: first those that failed most elsewhere, for they rule it out soonest."""
+        seed = max(self._to_judge[cell], key=lambda seed: (self._num_failures[seed], -seed))
+        self._to_judge[cell].remove(seed)
+        return seed
+
+    def _begin_candidate(self, cell: int) -> None:
+        self._found_candidates = None
+        outcomes = self.whole.setdefault(cell, [])
+        self._to_judge[cell] = []
+        for seed in range(NUM_WHOLE):
+            known = self._recall(self.line.trial(cell, seed, whole=True))
+            if known is None:
+                self._to_judge[cell].append(seed)
+            else:
+                outcomes.append(self.line.succeeded(known))
+                self._num_failures[seed] += not outcomes[-1]
+
+    def wants(self, ask: Ask) -> bool:
+        """Not the trials of a candidate that was left, nor those above where cells give way."""
+        return ask.cell in self._candidates() if ask.whole else ask.cell < self.top
+
+    def drop(self, ask: Ask) -> None:
+        self._num_sampling -= not ask.whole
+
+    def report(self, ask: Ask, outcome: Outcome) -> None:
+        succeeded = self.line.succeeded(outcome)
+        self._found_candidates = None
+        if ask.whole:
+            self.whole[ask.cell].append(succeeded)
+            self._num_failures[ask.trial.seed] += not succeeded
+            self._descend()
+        else:
+            self._num_sampling -= 1
+            self._add_sample(ask.cell, succeeded)
+
+    def _add_sample(self, cell: int, succeeded: bool) -> None:
+        self.sampled.setdefault(cell, []).append(succeeded)
+        if not succeeded:
+            self._look_for_gap(cell)
+
+    def _look_for_gap(self, cell: int) -> None:
+        """Lower `top` if four neighbouring cells about `cell` give way, which bars every size above them."""
+        for last in range(max(cell, NEIGHBOURS), cell + NEIGHBOURS):
+            if last < self.top and self._gives_way(range(last - NEIGHBOURS + 1, last + 1)):
+                self.top = last
+                self.gave_way = True
+                return
+
+    def _gives_way(self, cells: range) -> bool:
+        """Whatever the trials still missing may bring."""
+        allowed = (1.0 - MIN_NEIGHBOUR_SHARE) * NUM_SAMPLED * len(cells) + 1e-9
+        return sum(self._failures(cell) for cell in cells) > allowed
+
+    def _failures(self, cell: int) -> int:
+        return self.sampled.get(cell, []).count(False)
+
+    def _descend(self) -> bool:
+        """Leave every candidate that cannot hold any more; was one left?"""
+        before = self._candidate
+        while self._candidate and self.whole.get(self._candidate, []).count(False) > _MAX_FAILURES:
+            self._candidate = self._next_candidate(self._candidate - 1)
+        return self._candidate != before
+
+    def _next_candidate(self, cell: int) -> int:
+        """The next cell down that the trials so far do not rule out already; 0 for none."""
+        while cell > 0 and (
+            self._failures(cell) > _MAX_FAILURES
+            or self.whole.get(cell, []).count(False) > _MAX_FAILURES
+            or self._gap_at_the_foot(cell)
+        ):
+            cell -= 1
+        return cell
+
+    def _gap_at_the_foot(self, cell: int) -> bool:
+        """With fewer than four smaller cells, all of them together are the neighbours."""
+        return 1 < cell <= NEIGHBOURS and self._gives_way(range(1, cell))
+
+    def result(self) -> Threshold:
+        cell = self._candidate or 0
+        outcomes = self.whole.get(cell, []) if cell else []
+        low, high = wilson_interval(sum(outcomes), len(outcomes))
+        limit = "search" if not self.gave_way else "gives way" if cell == self.top else "share"
+        return Threshold(self.line, self.line.size(cell), len(outcomes), sum(outcomes), low, high, limit)

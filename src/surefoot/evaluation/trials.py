@@ -1,0 +1,257 @@
+"""Trials: one policy or controller, one robot, one disturbance, one verdict; thousands of them as one batch.
+
+The batch never waits for its slowest robot: a finished robot's place is taken by the next trial.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.agents.agent import Policy
+from surefoot.agents.controllers.controller import ControllerAgent
+from surefoot.agents.controllers.loop import ControllerLoop
+from surefoot.errors import UserError
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.trial_monitor import CALM_FROM_S, HORIZON_S, TrialMonitor
+from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.physics.pushes import Drop, Push, Pushes
+from surefoot.physics.step_record import StepRecord
+from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
+from surefoot.robots.robot import Robot, load_robot
+from surefoot.task.control_loop import ControlLoop
+from surefoot.task.imperfections import PERFECT, Imperfections
+
+SETTLE_S = 1.0
+"""Time that the policy has to find its stance before the disturbance."""
+JOINT_NOISE = 0.02
+"""Start angles differ by up to this [rad]."""
+NUM_SLOTS = 192
+
+NO_PUSH = Push()
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One disturbance of one robot. Starts of pushes are counted from the end of the settling time, or from the
+    release of a dropped robot.
+
+    Attributes:
+        push: one of 0 Ns disturbs nothing; the disturbance then begins where the push would have.
+        seed: draws the start angles, the push's start within the policy step, noise and bias.
+        whole: judged at the horizon; otherwise it may end as recovered once it is quiet.
+        first: a push before the other, or at the same time.
+        drop: the robot begins in the air, without a settling time.
+        imperfections: of sensors and actuators.
+        domain: what it stands on and is made of; the same for all trials of a batch.
+        horizon: from the beginning of the disturbance to the verdict [s].
+        calm_from: from the beginning of the disturbance on, how calmly it stands [s].
+    """
+
+    push: Push = NO_PUSH
+    seed: int = 0
+    whole: bool = True
+    first: Push | None = None
+    drop: Drop | None = None
+    imperfections: Imperfections = PERFECT
+    domain: DomainParameters = NOMINAL_DOMAIN
+    horizon: float = HORIZON_S
+    calm_from: float = CALM_FROM_S
+
+    @property
+    def pushes(self) -> tuple[Push, ...]:
+        return (self.push,) if self.first is None else (self.first, self.push)
+
+
+class TrialSource(ABC):
+    """Where `run_trials` gets its work from; it may depend on what came out so far."""
+
+    @abstractmethod
+    def next(self) -> Trial | None:
+        """The next trial, or None if there is none until another is reported."""
+
+    @abstractmethod
+    def report(self, trial: Trial, outcome: Outcome) -> None:
+        """A trial has ended."""
+
+    def wants(self, trial: Trial) -> bool:
+        """Is a running trial's outcome still of interest?"""
+        return True
+
+    def drop(self, trial: Trial) -> None:  # noqa: B027 nothing to do is a fair answer
+        """A trial that is not wanted any more was stopped; it will not be reported."""
+
+
+class _List(TrialSource):
+    def __init__(self, trials: Iterable[Trial]):
+        self._todo = iter(trials)
+        self.outcomes: dict[Trial, Outcome] = {}
+
+    def next(self) -> Trial | None:
+        return next(self._todo, None)
+
+    def report(self, trial: Trial, outcome: Outcome) -> None:
+        self.outcomes[trial] = outcome
+
+
+def run_list(policy: Policy | ControllerAgent, trials: Iterable[Trial], **options) -> dict[Trial, Outcome]:
+    """Run different trials, in any order; options are those of `run_trials`."""
+    source = _List(trials)
+    run_trials(policy, source, **options)
+    return source.outcomes
+
+
+def run_trials(
+    policy: Policy | ControllerAgent,
+    source: TrialSource,
+    num_slots: int = NUM_SLOTS,
+    num_threads: int = 0,
+    on_step: Callable[[np.ndarray, StepRecord], None] | None = None,
+    domain: DomainParameters = NOMINAL_DOMAIN,
+) -> None:
+    """Run trials until the source has no more.
+
+    Args:
+        num_slots: robots in the batch.
+        on_step: called with the running slots (n,) and their ticks after every policy step.
+        domain: of all the trials.
+
+    Raises:
+        UserError: a trial is with other domain parameters.
+    """
+    arena = _Arena(policy, num_slots, num_threads, domain)
+    while True:
+        arena.fill(source)
+        running = arena.running
+        if not len(running):
+            return
+        ticks, ended = arena.step(running)
+        if on_step:
+            on_step(running, ticks)
+        for slot, outcome in ended.items():
+            source.report(arena.finish(slot), outcome)
+        if ended:
+            arena.drop_unwanted(source)
+
+
+class _Arena:
+    """The slots: which trial each robot is in."""
+
+    def __init__(self, policy: Policy | ControllerAgent, num_slots: int, num_threads: int, domain: DomainParameters):
+        contract = policy.contract
+        self.policy = policy
+        self.domain = domain
+        self.robot: Robot = load_robot(contract.robot)
+        if isinstance(policy, ControllerAgent):
+            self.loop: ControlLoop = ControllerLoop(policy, self.robot, num_slots, num_threads, domain)
+        else:
+            nominal = np.array(contract.nominal_pose)
+            self.loop = ControlLoop(self.robot, num_slots, nominal, contract.action_scale, num_threads, domain)
+        self.judge = TrialMonitor(self.robot, num_slots, domain.motor_strength)
+        self.trial: list[Trial | None] = [None] * num_slots
+        self._arms: dict[tuple[str, float], float] = {}
+
+    @property
+    def running(self) -> np.ndarray:
+        return np.flatnonzero([trial is not None for trial in self.trial])
+
+    def fill(self, source: TrialSource) -> None:
+        slots = []
+        for slot, trial in enumerate(self.trial):
+            if trial is None:
+                self.trial[slot] = source.next()
+                if self.trial[slot] is None:
+                    break
+                slots.append(slot)
+        if slots:
+            self._begin(np.array(slots), [trial for slot in slots if (trial := self.trial[slot])])
+
+    def finish(self, slot: int) -> Trial:
+        trial, self.trial[slot] = self.trial[slot], None
+        assert trial is not None
+        return trial
+
+    def drop_unwanted(self, source: TrialSource) -> None:
+        for slot, trial in enumerate(self.trial):
+            if trial and not source.wants(trial):
+                source.drop(self.finish(slot))
+
+    def step(self, slots: np.ndarray) -> tuple[StepRecord, dict[int, Outcome]]:
+        ticks, failed = self._advance(slots)
+        diverged = self.loop.engine.diverged[slots]
+        return ticks, self.judge.update(slots, ticks, self.loop.tick[slots], diverged, failed)
+
+    def _advance(self, slots: np.ndarray) -> tuple[StepRecord, dict[int, str]]:
+        """One policy step, and why the controllers of which robots have failed."""
+        if isinstance(self.loop, ControllerLoop):
+            return self.loop.drive(slots), self.loop.failed
+        assert not isinstance(self.policy, ControllerAgent)
+        everyone = len(slots) == len(self.trial)  # then nothing is copied
+        actions = self.policy(self.loop.observe(slots), slots)
+        return self.loop.step(actions, None if everyone else slots), {}
+
+    def _begin(self, slots: np.ndarray, trials: list[Trial]) -> None:
+        if any(trial.domain != self.domain for trial in trials):
+            raise UserError(f"a trial has other domain parameters than this batch's, {self.domain}")
+        noise, begins = zip(*(draws(trial, self.robot.num_joints) for trial in trials), strict=True)
+        drops = [trial.drop or _ON_THE_FLOOR for trial in trials]
+        start_ticks = self.loop.reset(
+            slots,
+            np.clip(self.loop.nominal + np.array(noise), self.robot.joint_lower, self.robot.joint_upper),
+            height=np.array([drop.height for drop in drops]),
+            roll=np.array([drop.roll for drop in drops]),
+            pitch=np.array([drop.pitch for drop in drops]),
+        )
+        if isinstance(self.policy, ControllerAgent):
+            assert isinstance(self.loop, ControllerLoop)
+            self.loop.begin(slots)
+        else:
+            self.policy.reset(slots)
+        begin = np.array(begins)
+        for slot, trial, tick in zip(slots.tolist(), trials, begin.tolist(), strict=True):
+            self.loop.spoil(slot, trial.imperfections, trial.seed)
+            self._schedule(self.loop.pushes, slot, trial.push, tick)
+            if trial.first:
+                self._schedule(self.loop.first_pushes, slot, trial.first, tick)
+        self.judge.reset(
+            slots,
+            start_ticks,
+            start=begin + _ticks([min(push.start for push in trial.pushes) for trial in trials]),
+            push_end=begin + _ticks([max(push.start + push.duration for push in trial.pushes) for trial in trials]),
+            horizon=np.array([trial.horizon for trial in trials]),
+            calm_from=np.array([trial.calm_from for trial in trials]),
+            whole=np.array([trial.whole for trial in trials]),
+        )
+
+    def _schedule(self, pushes: Pushes, slot: int, push: Push, begin: int) -> None:
+        impulse = push.impulse * np.array(push.direction)
+        start = np.array([begin + round(push.start / CONTROL_DT)])
+        body = np.array([self.robot.body_id(push.body)])
+        pushes.schedule(np.array([slot]), body, impulse, start, push.duration, self._arm(push))
+
+    def _arm(self, push: Push) -> float:
+        if push.lever is None:
+            return 0.0
+        key = (push.body, push.lever)
+        if key not in self._arms:
+            self._arms[key] = self.robot.lever_arm(self.loop.nominal, *key)
+        return self._arms[key]
+
+
+def draws(trial: Trial, num_joints: int) -> tuple[np.ndarray, int]:
+    """What the seed draws: what the start angles are off by (num_joints,) [rad], and the tick from which the starts
+    of the pushes are counted."""
+    rng = np.random.default_rng(trial.seed)
+    noise = rng.uniform(-JOINT_NOISE, JOINT_NOISE, num_joints)
+    offset = int(rng.integers(TICKS_PER_STEP))
+    return noise, 0 if trial.drop else round(SETTLE_S * CONTROL_HZ) + offset
+
+
+_ON_THE_FLOOR = Drop(0.0)
+
+
+def _ticks(seconds: list[float]) -> np.ndarray:
+    return np.rint(np.array(seconds) * CONTROL_HZ).astype(np.int64)

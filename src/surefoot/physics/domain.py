@@ -1,0 +1,29 @@
+"""Domain parameters: what a robot stands on and is made of, as far as it may differ from its model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DomainParameters:
+    """What a robot stands on and is made of, as far as it may differ from the model; the defaults are the model's.
+
+    Attributes:
+        friction: sliding friction between feet and floor.
+        mass_scale: of every body's mass and inertia.
+        motor_strength: of every joint's largest torque.
+        slope: angle of the floor [rad]; it rises towards `uphill`.
+        uphill: direction in the horizontal plane [rad], counter-clockwise from +x.
+        physics_hz: rate of the physics; the joint control stays at 500 Hz.
+    """
+
+    friction: float = 1.0
+    mass_scale: float = 1.0
+    motor_strength: float = 1.0
+    slope: float = 0.0
+    uphill: float = 0.0
+    physics_hz: int = 500
+
+
+NOMINAL_DOMAIN = DomainParameters()

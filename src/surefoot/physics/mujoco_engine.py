@@ -1,0 +1,214 @@
+"""MujocoEngine: many robots on all cores at 500 Hz.
+
+Joint targets and wrenches go in, one call advances every robot by one policy step (20 ticks), and `StepRecord` comes
+out. Quantities are in the world frame and in SI units unless their name says otherwise. A tick is recorded at its
+start, before the physics step that it begins.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.physics.step_record import StepRecord, sole_corners
+from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.robots.robot import FLOOR, Robot
+
+_CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
+
+
+_UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+
+
+_AT_REST = ("qvel", "qacc_warmstart", "ctrl", "xfrc_applied")
+
+
+_DIVERGENCE_WARNINGS = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjNWARNING))
+
+
+_TOUCH = 1e-6
+
+
+"""A robot is put down so deep [m]: with soles at exactly zero, rounding would decide whether they touch."""
+
+
+class MujocoEngine:
+    """`num_robots` copies of a robot on all cores.
+
+    Args:
+        num_threads: 0 for all cores.
+        domain: floor, masses, motors and physics rate.
+
+    Attributes:
+        wrench: forces and torques on every body over the next policy step, (num_robots, TICKS_PER_STEP, num_bodies,
+            6), world frame at the body's CoM [N, Nm]; the caller writes and clears it.
+        joint_targets: of the next policy step, (num_robots, TICKS_PER_STEP, num_joints) [rad]; `step` writes them, or
+            the caller.
+        diverged: bool (num_robots,), who became non-finite in the last step and was put back to its default state.
+        num_diverged: how many have, ever.
+    """
+
+    def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0, domain: DomainParameters = NOMINAL_DOMAIN):
+        self.robot = robot
+        self.num_robots = num_robots
+        self.model = robot.model(domain)
+        self._num_substeps = round(domain.physics_hz / CONTROL_HZ)
+        self._floor_normal = _z_axis(self.model.geom(FLOOR).quat)
+        self.batch = Batch(self.model, num_robots, nthread=num_threads)
+        self.layout = sensor_layout(self.model)
+        self._qpos = self.batch.bind("qpos")
+        self._qvel = self.batch.bind("qvel")
+        self._bound = {name: self.batch.bind(name) for name in _AT_REST}
+        self._sensordata = self.batch.bind("sensordata")
+        self._record = np.zeros((num_robots, TICKS_PER_STEP, self.model.nsensordata))
+        num_controls = self.model.nu + 6 * self.model.nbody
+        self._control = np.zeros((num_robots, TICKS_PER_STEP, num_controls))
+        self.joint_targets = self._control[..., : self.model.nu]
+        wrench = self._control[..., self.model.nu :]
+        self.wrench = wrench.reshape(num_robots, TICKS_PER_STEP, self.model.nbody, 6)
+        self.diverged = np.zeros(num_robots, bool)
+        self.num_diverged = 0
+        self._warnings = np.zeros(num_robots, np.int64)
+
+    def reset(
+        self,
+        ids: np.ndarray,
+        joint_position: np.ndarray,
+        yaw: np.ndarray | float = 0.0,
+        height: np.ndarray | float = 0.0,
+        roll: np.ndarray | float = 0.0,
+        pitch: np.ndarray | float = 0.0,
+    ) -> StepRecord:
+        """Stand robots `ids` (n,) at rest, lowest sole corner `height` [m] above the floor.
+
+        Args:
+            joint_position: (n, num_joints) [rad].
+            yaw: heading [rad], scalar or (n,).
+            height: of the lowest corner of the soles [m], scalar or (n,).
+            roll, pitch: of the root [rad], scalar or (n,); upright without them.
+
+        Returns:
+            One tick of each: the state they start from.
+        """
+        for name in _AT_REST:  # `Batch.reset` does the same in five times the time
+            self._bound[name][ids] = 0.0
+        self._qpos[ids, :2] = 0.0
+        self._qpos[ids, 2] = self.model.qpos0[2]
+        self._qpos[ids, 7:] = joint_position
+        upright = not (np.any(roll) or np.any(pitch) or np.any(yaw))
+        self._qpos[ids, 3:7] = _UPRIGHT if upright else _quaternion(roll, pitch, yaw)
+        self.batch.forward(ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
+        soles = self.read(ids)
+        corners = sole_corners(soles.sole_position, soles.foot_orientation, self.robot.sole_half_size)
+        clearance = (corners @ self._floor_normal / self._floor_normal[2]).min(axis=(1, 2, 3))
+        self._qpos[ids, 2] += height - _TOUCH - clearance
+        self.batch.forward(ids)
+        return self.read(ids)
+
+    def read(self, ids: np.ndarray) -> StepRecord:
+        """One tick (n, 1, ...) of robots `ids`: their state at the last reset or at the last physics step."""
+        return StepRecord(self.robot, self.layout, self._sensordata[ids][:, None])
+
+    def step(self, joint_targets: np.ndarray | None = None, ids: np.ndarray | None = None) -> StepRecord:
+        """Advance robots `ids` (n,) (all without it) by one policy step.
+
+        Args:
+            joint_targets: (n, TICKS_PER_STEP, num_joints) [rad]; without it, what `joint_targets` holds.
+
+        Returns:
+            The ticks (n, TICKS_PER_STEP, ...), in a buffer that the next step overwrites.
+        """
+        if joint_targets is not None:
+            self.joint_targets[slice(None) if ids is None else ids] = joint_targets
+        record = self.advance(ids)
+        self._find_diverged(record, ids)
+        return StepRecord(self.robot, self.layout, record)
+
+    def advance(self, ids: np.ndarray | None = None) -> np.ndarray:
+        """The bare physics of a step under the present controls: the record (n, TICKS_PER_STEP, num_sensor_values)."""
+        control = self._control if ids is None else self._control[ids]
+        record = self._record if ids is None else self._record[: len(ids)]
+        if self._num_substeps > 1:
+            return self._advance_finely(control, record, ids)
+        self.batch.rollout(
+            TICKS_PER_STEP, control, _CONTROL_SPEC, record=["sensordata"], ids=ids, out={"sensordata": record}
+        )
+        return record
+
+    def advance_some(self, ids: np.ndarray, ticks: slice) -> np.ndarray:
+        """Some of the ticks of a step of robots `ids` (n,): their record (n, num_ticks, num_sensor_values).
+
+        `diverged` is then about these ticks.
+        """
+        control = self._control[ids, ticks]
+        record = np.empty((*control.shape[:2], self.model.nsensordata))
+        if self._num_substeps > 1:
+            self._advance_finely(control, record, ids)
+        else:
+            self.batch.rollout(
+                control.shape[1], control, _CONTROL_SPEC, record=["sensordata"], ids=ids, out={"sensordata": record}
+            )
+        self._find_diverged(record, ids)
+        return record
+
+    def record(self, num_robots: int) -> np.ndarray:
+        """A step's record for so many robots, (num_robots, TICKS_PER_STEP, num_sensor_values); every step has it."""
+        return self._record[:num_robots]
+
+    def _advance_finely(self, control: np.ndarray, record: np.ndarray, ids: np.ndarray | None) -> np.ndarray:
+        fine = np.repeat(control, self._num_substeps, axis=1)
+        all_substeps = self.batch.rollout(fine.shape[1], fine, _CONTROL_SPEC, record=["sensordata"], ids=ids)
+        record[:] = all_substeps["sensordata"][:, :: self._num_substeps]
+        return record
+
+    def _find_diverged(self, record: np.ndarray, ids: np.ndarray | None) -> None:
+        warnings = self.batch.warning[:, _DIVERGENCE_WARNINGS, 1].sum(axis=1)
+        self.diverged = warnings > self._warnings
+        if self.diverged.any():
+            self.num_diverged += int(self.diverged.sum())
+            rows = self.diverged if ids is None else self.diverged[ids]
+            record[rows] = np.nan_to_num(record[rows], posinf=0.0, neginf=0.0)
+            self.batch.reset(np.flatnonzero(self.diverged))
+            self._warnings = np.where(self.diverged, 0, warnings)
+
+    @property
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Live qpos (num_robots, nq) and qvel (num_robots, nv), in MuJoCo's order."""
+        return self._qpos, self._qvel
+
+    def copy_state(self, other: MujocoEngine) -> None:
+        """Take over the states of another simulation of as many robots."""
+        self._qpos[:], self._qvel[:] = other.state
+        self.batch.bind("qacc_warmstart")[:] = other.batch.bind("qacc_warmstart")
+
+    def copy_control(self, other: MujocoEngine) -> None:
+        """Take over the joint targets and wrenches of another simulation's last step."""
+        self._control[:] = other._control
+
+
+def sensor_layout(model: mujoco.MjModel) -> dict[str, slice]:
+    """Sensor name -> its columns in `sensordata`."""
+    sensors = (model.sensor(i) for i in range(model.nsensor))
+    return {s.name: slice(int(s.adr[0]), int(s.adr[0] + s.dim[0])) for s in sensors}
+
+
+def _quaternion(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
+    """Unit quaternions (..., 4) of Z-Y-X Euler angles [rad]."""
+    roll, pitch, yaw = np.broadcast_arrays(roll, pitch, yaw)
+    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(0.5 * angle), np.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def _z_axis(quaternion: np.ndarray) -> np.ndarray:
+    w, x, y, z = quaternion
+    return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])

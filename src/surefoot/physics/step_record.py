@@ -1,0 +1,292 @@
+"""StepRecord: the named quantities of what robots did at 500 Hz.
+
+Quantities are in the world frame and in SI units unless their name says otherwise.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from surefoot.physics import balance
+from surefoot.robots.robot import Robot
+
+# The layout of a contact sensor with data="found force torque pos".
+_FOUND, _FORCE, _POINT = 0, slice(1, 4), slice(7, 10)
+# Neighbours in the MJCF file, after the root position: three velocities, then positions.
+HEADING_BLOCK = (
+    "root_velocity",
+    "root_angular_velocity",
+    "com_velocity",
+    "com_position",
+    "torso_position",
+    "left_foot_position",
+    "right_foot_position",
+)
+_NUM_VELOCITIES = 3
+# From (root position, the block's vectors) to the vectors, positions counted from the root.
+_FROM_ROOT = np.kron(
+    np.vstack([-(np.arange(len(HEADING_BLOCK)) >= _NUM_VELOCITIES).astype(float), np.eye(len(HEADING_BLOCK))]),
+    np.eye(3),
+)
+
+
+class StepRecord:
+    """Named quantities of some ticks of some robots: arrays (num_robots, num_ticks, ...), computed when asked for."""
+
+    def __init__(self, robot: Robot, layout: dict[str, slice], record: np.ndarray):
+        self.robot = robot
+        self.record = record
+        self._layout = layout
+
+    def __getitem__(self, sensor: str) -> np.ndarray:
+        """The recorded values of one sensor of the MJCF file, by its name: (num_robots, num_ticks, size)."""
+        return self.record[..., self._layout[sensor]]
+
+    def _joints(self, quantity: str) -> np.ndarray:
+        names = self.robot.joint_names
+        first, last = self._layout[f"{names[0]}_{quantity}"], self._layout[f"{names[-1]}_{quantity}"]
+        return self.record[..., first.start : last.stop]
+
+    def _feet(self, quantity: str) -> np.ndarray:
+        """Both feet's values of a quantity, (num_robots, num_ticks, 2, size): left, right."""
+        left, right = self._layout[f"left_{quantity}"], self._layout[f"right_{quantity}"]
+        both = self.record[..., left.start : right.stop]
+        return both.reshape(*both.shape[:-1], 2, left.stop - left.start)
+
+    # Joints: (num_robots, num_ticks, num_joints).
+
+    @property
+    def joint_state(self) -> np.ndarray:
+        """Positions [rad], then velocities [rad/s]: (num_robots, num_ticks, 2 * num_joints)."""
+        names = self.robot.joint_names
+        first, last = self._layout[f"{names[0]}_position"], self._layout[f"{names[-1]}_velocity"]
+        return self.record[..., first.start : last.stop]
+
+    @cached_property
+    def joint_position(self) -> np.ndarray:
+        return self._joints("position")
+
+    @cached_property
+    def joint_velocity(self) -> np.ndarray:
+        return self._joints("velocity")
+
+    @cached_property
+    def joint_torque(self) -> np.ndarray:
+        return self._joints("torque")
+
+    @cached_property
+    def joint_power(self) -> np.ndarray:
+        """|torque * velocity| [W]."""
+        power = self.joint_torque * self.joint_velocity
+        return np.abs(power, out=power)
+
+    @property
+    def power(self) -> np.ndarray:
+        """Sum of the joints' powers [W] (the paper's power term): (num_robots, num_ticks)."""
+        return self.joint_power.sum(axis=-1)
+
+    # The body as a whole: (num_robots, num_ticks, 3).
+
+    @property
+    def com_position(self) -> np.ndarray:
+        return self["com_position"]
+
+    @property
+    def com_velocity(self) -> np.ndarray:
+        return self["com_velocity"]
+
+    @property
+    def angular_momentum(self) -> np.ndarray:
+        """About the CoM [kg m^2/s]."""
+        return self["angular_momentum"]
+
+    @cached_property
+    def com_height(self) -> np.ndarray:
+        """Height of the CoM above the lower sole [m]: (num_robots, num_ticks)."""
+        heights = self.sole_position[..., 2]
+        return self.com_position[..., 2] - np.minimum(heights[..., 0], heights[..., 1])
+
+    @cached_property
+    def capture_point(self) -> np.ndarray:
+        """Equation (5) of the paper [m]: (num_robots, num_ticks, 2)."""
+        com = self.com_position
+        return balance.capture_point(com[..., :2], self.com_velocity[..., :2], self.com_height, self.robot.gravity)
+
+    # Attitude.
+
+    @cached_property
+    def heading(self) -> np.ndarray:
+        """The root yaw as a complex number cos + i sin: (num_robots, num_ticks).
+
+        That of the root's x axis, seen from above.
+        """
+        forward = horizontal(self["root_forward"])
+        return forward / np.maximum(np.abs(forward), 1e-12)
+
+    @cached_property
+    def in_heading(self) -> np.ndarray:
+        """The vectors of `HEADING_BLOCK` in the heading frame, x forward, y left, z up: (num_robots, num_ticks, 21).
+
+        Positions are counted from the root.
+        """
+        # Products subtract several times faster than broadcasting over triples. One per robot: a large one would
+        # wake BLAS threads, whose waiting takes the cores from the physics.
+        first, last = self._layout["root_position"], self._layout["right_sole_position"]
+        vectors = self.record[..., first.start : last.stop]
+        turned = np.matmul(vectors, _FROM_ROOT)
+        horizontal(turned.reshape(*turned.shape[:-1], len(HEADING_BLOCK), 3))[...] *= self.heading.conj()[..., None]
+        return turned
+
+    @cached_property
+    def _attitude(self) -> np.ndarray:
+        root, torso = self._layout["root_up"], self._layout["torso_up"]
+        both = self.record[..., root.start : torso.stop]
+        x, y, z = np.moveaxis(both.reshape(*both.shape[:-1], 2, 3), -1, 0)
+        angles = np.empty((2, *x.shape))
+        np.arctan2(y, z, out=angles[0, ...])
+        np.arcsin(np.clip(x, -1.0, 1.0), out=angles[1, ...])
+        np.negative(angles[1], out=angles[1, ...])
+        return angles
+
+    @property
+    def root_attitude(self) -> np.ndarray:
+        """Roll and pitch of the root [rad]: (2, num_robots, num_ticks)."""
+        return self._attitude[..., 0]
+
+    @property
+    def torso_attitude(self) -> np.ndarray:
+        """Roll and pitch of the torso [rad]: (2, num_robots, num_ticks)."""
+        return self._attitude[..., 1]
+
+    @property
+    def root_uprightness(self) -> np.ndarray:
+        """Cosine of the angle between the root and the vertical: (num_robots, num_ticks)."""
+        return self["root_up"][..., 2]
+
+    @property
+    def torso_uprightness(self) -> np.ndarray:
+        """Cosine of the angle between the torso and the vertical: (num_robots, num_ticks)."""
+        return self["torso_up"][..., 2]
+
+    # Feet: left, right.
+
+    @cached_property
+    def sole_position(self) -> np.ndarray:
+        """Centres of the soles: (num_robots, num_ticks, 2, 3)."""
+        return self._feet("sole_position")
+
+    @cached_property
+    def foot_orientation(self) -> np.ndarray:
+        """Unit quaternions (w, x, y, z): (num_robots, num_ticks, 2, 4)."""
+        return self._feet("foot_orientation")
+
+    @cached_property
+    def foot_force(self) -> np.ndarray:
+        """Normal force of the ground on each foot [N]: (num_robots, num_ticks, 2)."""
+        return self._feet("foot_contact")[..., _FORCE][..., 2]
+
+    @cached_property
+    def foot_contact(self) -> np.ndarray:
+        """Does the foot touch the ground? bool (num_robots, num_ticks, 2)."""
+        return self._feet("foot_contact")[..., _FOUND] > 0
+
+    @property
+    def foot_pressure_point(self) -> np.ndarray:
+        """Pressure centre of each foot [m], meaningless where it has no force: (num_robots, num_ticks, 2, 2)."""
+        return self._feet("foot_contact")[..., _POINT][..., :2]
+
+    @cached_property
+    def in_the_air(self) -> np.ndarray:
+        """Does no foot touch the ground? bool (num_robots, num_ticks)."""
+        return ~(self.foot_contact[..., 0] | self.foot_contact[..., 1])
+
+    @cached_property
+    def center_of_pressure(self) -> np.ndarray:
+        """Force-weighted mean of both feet's pressure centres [m], NaN in the air: (num_robots, num_ticks, 2)."""
+        force = self.foot_force[..., None]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return (force * self.foot_pressure_point).sum(axis=-2) / force.sum(axis=-2)
+
+    @cached_property
+    def support_center(self) -> np.ndarray:
+        """Centre of the support polygon [m]: (num_robots, num_ticks, 2).
+
+        The mean of the touching soles' centres, which is the polygon's centre for soles that stand alike; of both
+        soles while none touches.
+        """
+        left, right = self.foot_contact[..., 0], self.foot_contact[..., 1]
+        share = 0.5 + 0.5 * (right.astype(np.int8) - left)
+        soles = horizontal(self.sole_position)
+        center = soles[..., 0] + share * (soles[..., 1] - soles[..., 0])
+        return center[..., None].view(float)
+
+    def support_polygon(self, robot: int, tick: int) -> np.ndarray:
+        """Convex hull of the touching soles, counter-clockwise (num_corners, 2) [m]; empty in the air."""
+        touching = self.foot_contact[robot, tick]
+        corners = sole_corners(
+            self.sole_position[robot, tick], self.foot_orientation[robot, tick], self.robot.sole_half_size
+        )
+        return balance.convex_hull(corners[touching][..., :2].reshape(-1, 2))
+
+    def flat_support_polygon(self, robot: int = 0, tick: int = 0) -> np.ndarray:
+        """Convex hull of both soles, touching or not: (num_corners, 2) [m]."""
+        soles, orientation = self.sole_position[robot, tick], self.foot_orientation[robot, tick]
+        return balance.convex_hull(sole_corners(soles, orientation, self.robot.sole_half_size)[..., :2].reshape(-1, 2))
+
+    @cached_property
+    def non_foot_contact(self) -> np.ndarray:
+        """Does anything but a foot touch the ground? bool (num_robots, num_ticks)."""
+        found = self._feet("foot_contact")[..., _FOUND]
+        return self["ground_contact"][..., 0] > found[..., 0] + found[..., 1]
+
+    def __len__(self) -> int:
+        return self.record.shape[1]
+
+
+def components(quaternion: np.ndarray) -> tuple[np.ndarray, ...]:
+    """w, x, y and z of quaternions (..., 4): (...) each."""
+    return tuple(quaternion[..., i] for i in range(4))
+
+
+def horizontal(vectors: np.ndarray) -> np.ndarray:
+    """View of the horizontal part of vectors (..., 2 or 3) as complex numbers x + iy: (...).
+
+    Rotations become products, and NumPy's inner loops run over ticks instead of over pairs.
+    """
+    return vectors[..., :2].view(complex)[..., 0]
+
+
+def roll_pitch(quaternion: np.ndarray) -> np.ndarray:
+    """Roll and pitch (Z-Y-X Euler angles) [rad] of unit quaternions (..., 4): (2, ...)."""
+    w, x, y, z = components(quaternion)
+    angles = np.empty((2, *w.shape))
+    np.arctan2(w * x + y * z, 0.5 - (x * x + y * y), out=angles[0, ...])
+    sine = 2.0 * (w * y - z * x)
+    np.arcsin(np.minimum(np.maximum(sine, -1.0), 1.0), out=angles[1, ...])
+    return angles
+
+
+def uprightness(quaternion: np.ndarray) -> np.ndarray:
+    """Cosine of the angle between a body's z axis and the vertical, from unit quaternions (..., 4)."""
+    return 1.0 - 2.0 * (quaternion[..., 1] ** 2 + quaternion[..., 2] ** 2)
+
+
+def sole_corners(center: np.ndarray, quaternion: np.ndarray, half_size: np.ndarray) -> np.ndarray:
+    """DomainParameters positions of the soles' corners [m].
+
+    Args:
+        center: sole centres (..., 3).
+        quaternion: foot orientations (..., 4).
+        half_size: half length and half width (2,).
+
+    Returns:
+        (..., 4, 3), counter-clockwise from above, front left first.
+    """
+    w, x, y, z = components(quaternion)
+    along = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=-1)
+    across = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)
+    signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    offsets = [i * half_size[0] * along + j * half_size[1] * across for i, j in signs]
+    return center[..., None, :] + np.stack(offsets, axis=-2)

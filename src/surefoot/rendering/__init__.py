@@ -1,0 +1,1 @@
+"""Rendering: pictures and films of trials, drawn offscreen."""

@@ -1,0 +1,198 @@
+"""What the report takes from results tables: one `Evaluation` per policy and setup, whatever file it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from surefoot.agents.contract import Contract
+from surefoot.agents.controllers.step_times import Timing
+from surefoot.errors import UserError
+from surefoot.evaluation.evaluate import whole_outcomes
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.results import Key, Results, TrialStore, open_results
+from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, SINGLE, Line
+from surefoot.evaluation.threshold_search import NUM_SAMPLED, NUM_WHOLE, Threshold
+from surefoot.evaluation.trials import Trial
+from surefoot.report import tables
+from surefoot.report.tables import Fixed
+from surefoot.robots.robot import Robot, load_robot
+
+LARGEST = "largest sagittal push"
+SHANK = "push at the shank"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of the 6 Ns grid: how many of its trials, sampled and whole, recovered."""
+
+    impulse: float
+    recovered: int
+    trials: int
+
+
+@dataclass(frozen=True)
+class Case:
+    """A trial that the report draws, with its stored outcome."""
+
+    trial: Trial
+    outcome: Outcome
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What results hold of one policy under one setup.
+
+    Attributes:
+        name: of the policy, with the beginning of its digest if another one on the page is named alike.
+        key: digests of policy and setup.
+        steps: median number of steps at the worst direction's threshold, by scenario.
+        cells: of pushes at the root, by direction.
+        cases: trials to draw, by what they show.
+        audit: per scenario, how its trials ended and what share of the limits they used.
+        versions: of surefoot and MuJoCo, with which the trials were run.
+        wall_s: time of the evaluation [s].
+        timing: of a controller, None of a policy.
+    """
+
+    name: str
+    key: Key
+    contract: Contract
+    thresholds: list[Threshold]
+    fixed: Fixed
+    steps: dict[str, float]
+    cells: dict[Line, list[Cell]]
+    cases: dict[str, Case]
+    audit: list[dict[str, Any]]
+    versions: str
+    wall_s: float
+    timing: Timing | None = None
+
+    @property
+    def robot(self) -> Robot:
+        return load_robot(self.contract.robot)
+
+    @property
+    def algorithm(self) -> str:
+        """By which it was learned; its name if it was not."""
+        return self.contract.training.get("algorithm", self.name)
+
+    @property
+    def has_main_directions(self) -> bool:
+        """Were pushes at the root searched in the four main directions?"""
+        return tables.has_main_directions(tables.root_pushes(self.thresholds))
+
+    @property
+    def worst(self) -> float:
+        """The lowest of the four main directions at the root [Ns]; 0 without them."""
+        pushes = tables.root_pushes(self.thresholds)
+        return min(pushes[d].size for d in tables.DIRECTIONS) if self.has_main_directions else 0.0
+
+
+def read_evaluations(files: Sequence[str | Path]) -> list[Evaluation]:
+    """Every policy of the tables, in the order in which they are met.
+
+    Raises:
+        UserError: a file is missing, is no results table, holds nothing, or two hold the same evaluation.
+    """
+    found: dict[Key, Evaluation] = {}
+    for file in files:
+        with open_results(file) as results:
+            for key, name, contract in results.evaluated():
+                if key in found:
+                    raise UserError(f"{name} (digest {key[0][:12]}) is in two of the results tables: {file} repeats it")
+                found[key] = _evaluation(results, key, name, Contract.from_json(contract))
+    if not found:
+        raise UserError(f"no finished evaluation in {', '.join(map(str, files))}; run surefoot evaluate first")
+    names = [e.name for e in found.values()]
+    return [e if names.count(e.name) == 1 else replace(e, name=f"{e.name} ({e.key[0][:6]})") for e in found.values()]
+
+
+def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Evaluation:
+    thresholds = sorted(results.thresholds_of(name), key=lambda t: _place(t.line.scenario.name))
+    fixed = dict(sorted(results.fixed_outcomes(name).items(), key=lambda item: _place(item[0])))
+    store = results.outcomes(key)
+    versions = results.query("SELECT DISTINCT surefoot, mujoco FROM trials WHERE policy = ? AND setup = ?", *key)
+    (wall,) = results.query(
+        "SELECT sum(wall_s) AS seconds FROM (SELECT DISTINCT wall_s FROM scenarios WHERE policy = ? AND setup = ?)",
+        *key,
+    )
+    return Evaluation(
+        name=name,
+        key=key,
+        contract=contract,
+        thresholds=thresholds,
+        fixed=fixed,
+        steps=tables.median_steps(thresholds, store),
+        cells={t.line: _cells(t.line, store) for t in tables.root_pushes(thresholds).values()},
+        cases=_cases(thresholds, fixed, store),
+        audit=sorted(results.query(_AUDIT, *key), key=lambda row: _place(row["scenario"])),
+        versions=", ".join(f"surefoot {row['surefoot']}, MuJoCo {row['mujoco']}" for row in versions),
+        wall_s=wall["seconds"],
+        timing=results.timing(key),
+    )
+
+
+_AUDIT = """
+SELECT scenario, count(*) AS trials, sum(reason = 'recovered') AS recovered, sum(reason = 'fell') AS fell,
+    sum(reason = 'restless') AS restless, sum(reason = 'tilted') AS tilted, sum(reason = 'diverged') AS diverged,
+    sum(reason IN ('raised', 'not finite', 'wrong shape', 'too late')) AS controller,
+    max(torque_ratio) AS torque, max(speed_ratio) AS speed,
+    max(CASE reason WHEN 'recovered' THEN torque_ratio END) AS torque_recovered,
+    max(CASE reason WHEN 'recovered' THEN speed_ratio END) AS speed_recovered
+FROM trials WHERE policy = ? AND setup = ? GROUP BY scenario ORDER BY min(id)
+"""
+
+
+_ORDER = [scenario.name for scenario in (*PAPER, *ROBUSTNESS)]
+
+
+def _place(scenario: str) -> int:
+    """Scenarios stand in the order of the suites, others after them."""
+    return _ORDER.index(scenario) if scenario in _ORDER else len(_ORDER)
+
+
+def _cells(line: Line, store: TrialStore) -> list[Cell]:
+    """The cells that were searched, from the smallest up."""
+    cells: list[Cell] = []
+    for cell in range(1, line.num_cells + 1):
+        outcomes = _known(line, cell, store, NUM_SAMPLED, whole=False)
+        if not outcomes:  # what lies above was not searched; single trials of other scenarios may
+            break
+        outcomes += _known(line, cell, store, NUM_WHOLE, whole=True)
+        cells.append(Cell(line.size(cell), sum(map(line.succeeded, outcomes)), len(outcomes)))
+    return cells
+
+
+def _known(line: Line, cell: int, store: TrialStore, num_seeds: int, whole: bool) -> list[Outcome]:
+    trials = (line.trial(cell, seed, whole) for seed in range(num_seeds))
+    return [outcome for trial in trials if (outcome := store.get(trial))]
+
+
+def _cases(thresholds: Sequence[Threshold], fixed: Fixed, store: TrialStore) -> dict[str, Case]:
+    """The paper's four pushes, the largest sagittal push and a push at the shank, as far as they were run."""
+    cases = {name: Case(*next(iter(fixed[name].items()))) for name in SINGLE if fixed.get(name)}
+    root = tables.root_pushes(thresholds)
+    shank = tables.by_scenario(thresholds).get("shank_push", {})
+    sagittal = [root[d] for d in ("forward", "backward") if d in root]
+    for name, found in ((LARGEST, sagittal), (SHANK, shank.values())):
+        case = _largest_recovered(found, store)
+        if case:
+            cases[name] = case
+    return cases
+
+
+def _largest_recovered(thresholds: Iterable[Threshold], store: TrialStore) -> Case | None:
+    """The first recovered whole trial at the largest of the thresholds."""
+    largest = max(thresholds, key=lambda t: t.size, default=None)
+    if largest is None or not whole_outcomes(largest, store):
+        return None
+    cell = round(largest.size / largest.line.grid)
+    for seed in range(largest.trials):
+        trial = largest.line.trial(cell, seed, whole=True)
+        outcome = store.get(trial)
+        if outcome and outcome.recovered:
+            return Case(trial, outcome)
+    return None

@@ -1,0 +1,62 @@
+"""Pictures of results: what the demo leaves and the README shows. Reads thresholds and curves, runs single trials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from surefoot.agents.agent import Policy
+from surefoot.evaluation.threshold_search import Threshold
+from surefoot.rendering import film as video
+from surefoot.report import paper, plots, tables
+from surefoot.robots.robot import Robot
+
+STRIP_SEED = 0
+
+
+def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, folder: Path) -> list[Path]:
+    """Table I as bars, and the rejected impulse by direction as a polar map.
+
+    Args:
+        policies: thresholds at the root by the policy's name; the four main directions must be among them.
+    """
+    rows = [bar_row(name, thresholds) for name, thresholds in policies.items()]
+    equation = paper.TABLE_1["equation (6)"]
+    sagittal, lateral = tables.worse_bounds(robot)
+    rows.append(plots.BarRow("equation (6)", sagittal, lateral, equation.sagittal, equation.lateral))
+    bars, polar = folder / "bars.png", folder / "polar.png"
+    plots.bars_beside_paper(rows, bars)
+    angles = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False).tolist()
+    bound = list(zip(angles, tables.capture_point_bound(robot, "straight", angles), strict=True))
+    points = {
+        name: [(t.line.angle, t.size) for t in tables.root_pushes(thresholds).values()]
+        for name, thresholds in policies.items()
+    }
+    plots.polar_map(points, bound, polar, title="Rejected impulse at the root")
+    return [bars, polar]
+
+
+def draw_strip(policy: Policy, thresholds: Sequence[Threshold], path: Path) -> Path:
+    """A film strip of the policy's largest rejected pushes forward and to the left, and of one that it does not.
+
+    Raises:
+        UserError: there is no OpenGL to draw with.
+    """
+    pushes = tables.root_pushes(thresholds)
+    forward, left = pushes["forward"], pushes["left"]
+    too_much = max(pushes.values(), key=lambda t: t.size)
+    trials = [t.line.trial(round(t.size / t.line.grid), STRIP_SEED, whole=True) for t in (forward, left)]
+    trials.append(too_much.line.trial(round(1.5 * too_much.size / too_much.line.grid) + 5, STRIP_SEED, whole=True))
+    recordings = [video.record(policy, trial) for trial in trials]
+    video.save_picture(path, video.filmstrip(recordings))
+    return path
+
+
+def bar_row(name: str, thresholds: Sequence[Threshold]) -> plots.BarRow:
+    """One policy's bars, the worse direction of each plane."""
+    pushes = tables.root_pushes(thresholds)
+    sagittal = tables.worse_of(pushes, ("forward", "backward")).size
+    lateral = tables.worse_of(pushes, ("left", "right")).size
+    return plots.BarRow(name, sagittal, lateral, *(tables.paper_row(name) or (None, None)))

@@ -1,0 +1,79 @@
+"""Goals: the paper's lines, what surefoot wants to reach on each, and what a policy reaches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from surefoot.report import paper
+from surefoot.report.tables import Table
+
+
+class Target(NamedTuple):
+    """A line to beat.
+
+    Attributes:
+        key: of the flat figures, docs/figures.md.
+        paper: its figure; None where it has none.
+        goal: at least; at most if `at_most`.
+        directions: the line holds for evaluations with at least so many.
+    """
+
+    words: str
+    key: str
+    unit: str
+    paper: float | None
+    goal: float
+    at_most: bool = False
+    directions: int = 4
+
+
+_BY_ALGORITHM = {"trpo": (300.0, 240.0), "ppo": (300.0, 240.0), "ddpg": (300.0, 300.0)}
+"""Sagittal and lateral [Ns]."""
+
+TARGETS = (
+    Target("any direction, worst of 16", "root_push.worst", "Ns", None, 330.0, directions=16),
+    Target("best direction", "root_push.best", "Ns", 240.0, 540.0),
+    Target("without stepping, sagittal", "root_push_no_step.sagittal", "Ns", 72.0, 84.0),
+    Target("without stepping, lateral", "root_push_no_step.lateral", "Ns", 78.0, 96.0),
+    Target("upper torso, worst of four", "torso_push.worst", "Ns", 120.0, 264.0),
+    Target("thigh, worst of four", "thigh_push.worst", "Ns", 108.0, 360.0),
+    Target("shank, worst of four", "shank_push.worst", "Ns", 108.0, 264.0),
+    Target("landing, height", "landing.height_m", "m", 0.55, 1.5),
+    Target("landing, tilt before a drop from 0.4 m", "landing.angle_deg", "°", 5.0, 20.0),
+    Target("horizontal push after 500 Ns upwards", "combined.horizontal_Ns", "Ns", 70.0, 240.0),
+    Target("share kept under noise", "noise.share_kept", "", None, 0.9),
+    Target("60 s undisturbed, drift of the CoM", "quiet.com_drift_m", "m", None, 0.01, at_most=True),
+    Target("60 s undisturbed, steps", "quiet.steps", "", None, 0.0, at_most=True),
+    Target("60 s undisturbed, mean power", "quiet.mean_power_W", "W", None, 20.0, at_most=True),
+    Target("from 5 s after a push, drift of the CoM", "quiet_after_push.com_drift_m", "m", None, 0.01, at_most=True),
+    Target("from 5 s after a push, steps", "quiet_after_push.steps", "", None, 0.0, at_most=True),
+    Target("from 5 s after a push, mean power", "quiet_after_push.mean_power_W", "W", None, 20.0, at_most=True),
+)
+
+
+def targets_of(algorithm: str) -> tuple[Target, ...]:
+    """All lines, those of Table I for an algorithm of the paper; the others as for its best, TRPO."""
+    theirs = paper.TABLE_1.get(algorithm, paper.TABLE_1["trpo"])
+    sagittal, lateral = _BY_ALGORITHM.get(algorithm, _BY_ALGORITHM["trpo"])
+    return (
+        Target("sagittal, worse of two", "root_push.sagittal", "Ns", theirs.sagittal, sagittal),
+        Target("lateral, worse side", "root_push.lateral", "Ns", theirs.lateral, lateral),
+        *TARGETS,
+    )
+
+
+def targets_table(name: str, algorithm: str, figures: Mapping[str, float]) -> Table:
+    """What a policy reaches on the lines that were tested."""
+    rows = []
+    for goal in targets_of(algorithm):
+        if goal.key in figures and figures.get("root_push.directions", 0) >= goal.directions:
+            found = figures[goal.key]
+            reached = found <= goal.goal if goal.at_most else found >= goal.goal
+            theirs = "" if goal.paper is None else f"{goal.paper:g}"
+            value = "did not stand" if math.isnan(found) else f"{found:g}"
+            sign = "≤" if goal.at_most else "≥"
+            rows.append((goal.words, goal.unit, theirs, f"{sign} {goal.goal:g}", value, "yes" if reached else "no"))
+    columns = ("line", "unit", "paper", "goal", name, "reached")
+    return Table("The lines to beat", columns, rows, "Largest values over all trials for drift, steps and power.")

@@ -1,0 +1,212 @@
+"""Environment: act, simulate, reward, observe, for a batch of robots; one robot is the special case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from surefoot.rates import CONTROL_HZ, POLICY_HZ
+from surefoot.robots.robot import load_robot
+from surefoot.task import observation, reward
+from surefoot.task.control_loop import ControlLoop
+from surefoot.task.imperfections import Imperfections
+from surefoot.task.privileged import Foresight
+from surefoot.task.random_pushes import DisturbanceConfig, RandomPushes
+
+Schedule = tuple[tuple[float, float], ...]
+"""Knots (share of the training done, value), linear between them."""
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """What a robot is asked to do; the defaults are the paper's.
+
+    Attributes:
+        robot: its name.
+        pose: name of the nominal pose: where the robot starts, and what an action of zero means.
+        action_scale: joint angle [rad] per unit of action.
+        episode_s: an episode is truncated after this time [s].
+        joint_noise: start angles differ from the nominal pose by up to this [rad], uniform.
+        drop_height: range of the height above the floor from which an episode starts [m], uniform.
+        drop_share: share of the episodes that start from such a height; the others start on the floor.
+        drop_lean: a dropped robot leans by up to this [rad], uniform, in any direction.
+        power_weight: penalty per watt, over the share of the training done.
+        power_knee: from about this power on, more costs ever less [W]; see `reward.step_reward`.
+        travel_weight: penalty per m/s of the feet's horizontal speeds, over the share of the training done.
+        travel_knee: from about this speed on, more costs ever less [m/s].
+        sway_weight: penalty per m/s of the CoM's horizontal speed, over the share of the training done.
+        posture_weight: penalty per rad of the joints' mean distance from the nominal pose, over the share of the
+            training done; free from the first moment on in which foot travel is.
+        travel_free: range of the last push's impulse over which foot travel and sway become free [Ns]: a small push
+            is to be answered without a step, a large one may cost any number; without it, they always cost. They are
+            free too
+        travel_free_s: for so long after a large push or a drop [s]. To robots with noise foot travel is always free.
+        noise_share: share of the episodes with noise, of a size that is uniform up to
+        observation_noise, action_noise: standard deviations, see `Imperfections`.
+        disturbance: the pushes.
+    """
+
+    robot: str = "valkyrie"
+    pose: str = "straight"
+    action_scale: float = 1.0
+    episode_s: float = 16.0
+    joint_noise: float = 0.02
+    drop_height: tuple[float, float] = (0.0, 0.0)
+    drop_share: float = 0.0
+    drop_lean: float = 0.0
+    power_weight: Schedule = ((0.0, 1e-4),)
+    power_knee: float | None = None
+    travel_weight: Schedule = ((0.0, 0.0),)
+    travel_knee: float | None = None
+    sway_weight: Schedule = ((0.0, 0.0),)
+    posture_weight: Schedule = ((0.0, 0.0),)
+    travel_free: tuple[float, float] | None = None
+    travel_free_s: float = 3.0
+    noise_share: float = 0.0
+    observation_noise: float = 0.0
+    action_noise: float = 0.0
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+
+
+class PushRecoveryVectorEnv(gym.vector.VectorEnv):
+    """N robots that are pushed and must not fall.
+
+    Observation: (N, 47) float32, `observation.component_names`. Action: (N, 11) in [-1, 1], joint targets as the
+    nominal pose plus `action_scale` times the action, clipped to the joint ranges. An episode terminates when
+    anything but a foot touches the ground (or its numbers become non-finite), and is truncated at `episode_s`.
+    A robot whose episode ends starts the next one in the same step; its last observation is `final_obs` of the info.
+    """
+
+    metadata = {
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "render_modes": [],
+        "render_fps": POLICY_HZ,
+    }
+
+    render_mode = None
+
+    def __init__(self, num_envs: int, config: EnvConfig | None = None, num_threads: int = 0):
+        self.config = config = config or EnvConfig()
+        self.num_envs = num_envs
+        self.robot = load_robot(config.robot)
+        self.loop = ControlLoop(self.robot, num_envs, self.robot.pose(config.pose), config.action_scale, num_threads)
+        num_observations = len(observation.component_names(self.robot))
+        self.single_observation_space = gym.spaces.Box(-np.inf, np.inf, (num_observations,), np.float32)
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (self.robot.num_joints,), np.float32)
+        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.max_ticks = round(config.episode_s * CONTROL_HZ)
+        self.set_progress(0.0)
+        self.reward_means: dict[str, float] = {}
+        self._dropped = np.zeros(num_envs, bool)
+        self._in_place = np.ones(num_envs, bool)
+        self._heading = np.ones(num_envs, complex)
+        self._noise = np.zeros(num_envs)
+        self._foresight = Foresight(self.robot, self.loop.nominal)
+        self._seed(None)
+
+    def _seed(self, seed: int | None) -> None:
+        self.generator, self._np_random_seed = gym.utils.seeding.np_random(seed)
+        self._np_random = self.generator
+        self.random_pushes = RandomPushes(
+            self.config.disturbance, self.loop.pushes, self.generator, self.loop.first_pushes
+        )
+
+    def set_progress(self, progress: float) -> None:
+        """Tell the schedules the share of the training done, 0 to 1."""
+        self.power_weight = _at(progress, self.config.power_weight)
+        self.travel_weight = _at(progress, self.config.travel_weight)
+        self.sway_weight = _at(progress, self.config.sway_weight)
+        self.posture_weight = _at(progress, self.config.posture_weight)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start every robot anew; with a seed, the same seed gives the same bits."""
+        if seed is not None:
+            self._seed(seed)
+        self._reset(np.arange(self.num_envs))
+        return self.loop.observation.astype(np.float32), {}
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Advance every robot by one policy step: act, simulate, reward, observe."""
+        self.random_pushes.advance(self.loop.tick)
+        ticks = self.loop.step(actions)
+        charged = self._charged()
+        self._in_place &= charged == 1.0
+        prices = reward.PenaltyWeights(
+            self.power_weight,
+            self.config.power_knee,
+            self.config.travel_knee,
+            travel=self.travel_weight * charged * ~self.loop.imperfect,
+            sway=self.sway_weight * charged,
+            posture=self.posture_weight * self._in_place,
+        )
+        rewards, self.reward_means = reward.step_reward(ticks, self.loop.nominal_com_height, prices, self.loop.nominal)
+        self._heading = ticks.heading[:, -1].copy()
+        observations = self.loop.observation.astype(np.float32)
+        terminated = ticks.non_foot_contact.any(axis=1) | self.loop.engine.diverged
+        truncated = (self.loop.tick >= self.max_ticks) & ~terminated
+        info: dict[str, Any] = {}
+        done = terminated | truncated
+        if done.any():
+            info = {"final_obs": observations.copy(), "_final_obs": done, "final_foreseen": self.foreseen()}
+            fallen = np.flatnonzero(terminated)
+            self.random_pushes.fell(fallen, self.loop.tick[fallen])
+            ids = np.flatnonzero(done)
+            self._reset(ids)
+            observations[ids] = self.loop.observe(ids)
+        return observations, rewards, terminated, truncated, info
+
+    def foreseen(self) -> np.ndarray:
+        """What a critic may know beside the observation, and a policy may not: (N, 12) float64, `foresight.SIGNS`.
+
+        The next push (`Foresight.next_push`), the share of the prices of foot travel and sway that is charged now,
+        whether leaving the nominal pose still costs, and the robot's noise as a share of the largest.
+        """
+        loop = self.loop
+        pushes = self._foresight.next_push(loop.pushes, loop.first_pushes, loop.tick, self._heading)
+        return np.column_stack([pushes, self._charged(), self._in_place, self._noise])
+
+    def _charged(self) -> np.ndarray:
+        """Share of the price of foot travel and sway that each robot pays after its last push: (N,)."""
+        if not (self.travel_weight or self.sway_weight or self.posture_weight) or self.config.travel_free is None:
+            return np.ones(self.num_envs)
+        impulse, since = self.random_pushes.latest(self.loop.tick)
+        free = np.interp(impulse, self.config.travel_free, (0.0, 1.0))
+        free[self._dropped & (impulse == 0.0)] = 1.0
+        free[since > self.config.travel_free_s * CONTROL_HZ] = 0.0
+        return 1.0 - free
+
+    def _reset(self, ids: np.ndarray) -> None:
+        rng, config, n = self.generator, self.config, len(ids)
+        noise = rng.uniform(-config.joint_noise, config.joint_noise, (n, self.robot.num_joints))
+        joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
+        dropped = rng.random(n) < config.drop_share
+        height = dropped * rng.uniform(*config.drop_height, n)
+        lean = dropped * rng.uniform(0.0, config.drop_lean, n) * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, n))
+        self.loop.reset(ids, joints, height=height, roll=lean.real, pitch=lean.imag)
+        self._dropped[ids] = dropped
+        self._in_place[ids] = True
+        self._heading[ids] = 1.0
+        self._noise[ids] = 0.0
+        if config.noise_share:
+            self._spoil(ids[rng.random(n) < config.noise_share])
+        self.random_pushes.reset(ids)
+
+    def _spoil(self, ids: np.ndarray) -> None:
+        """Give robots `ids` noise."""
+        self._noise[ids] = size = self.generator.random(len(ids))
+        seeds = self.generator.integers(2**31, size=len(ids))
+        for robot, share, seed in zip(ids, size, seeds, strict=True):
+            noise = Imperfections(share * self.config.observation_noise, share * self.config.action_noise)
+            self.loop.spoil(robot, noise, int(seed))
+
+
+def _at(progress: float, schedule: Schedule) -> float:
+    knots = np.array(schedule)
+    return float(np.interp(progress, knots[:, 0], knots[:, 1]))

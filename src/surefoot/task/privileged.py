@@ -1,0 +1,88 @@
+"""Foresight: what a critic may know of what a robot meets, and the policy may not.
+
+A push that a critic did not expect is noise on all that was done shortly before, and so is one that is harder than it
+looked because it comes at the torso.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from surefoot.physics.pushes import Pushes
+from surefoot.rates import CONTROL_HZ
+from surefoot.robots.robot import Robot
+
+IMPULSE_UNIT = 200.0
+"""[Ns]."""
+LEVER_UNIT = 0.5
+"""[m]."""
+SIGNS = {
+    "near": 1.0,
+    "impulse": 1.0,
+    "impulse_x": 1.0,
+    "impulse_y": -1.0,
+    "lever": 1.0,
+    "lever_x": 1.0,
+    "lever_y": -1.0,
+    "side": -1.0,
+    "lift": 1.0,
+    "charged": 1.0,
+    "in_place": 1.0,
+    "noise": 1.0,
+}
+"""The components in order, and what left and right exchanged do to them; the first nine are those of `next_push`."""
+
+
+class Foresight:
+    """Tells the next pushes of a batch of robots.
+
+    Args:
+        nominal: pose in which the bodies' heights are taken, (num_joints,) [rad].
+    """
+
+    def __init__(self, robot: Robot, nominal: np.ndarray):
+        self._height = np.zeros(max(robot.body_ids.values()) + 1)
+        self._side = np.zeros_like(self._height)
+        for (name, body), height in zip(robot.body_ids.items(), _heights(robot, tuple(nominal)), strict=True):
+            self._height[body] = height / LEVER_UNIT
+            self._side[body] = name.startswith("left") - name.startswith("right")
+
+    def next_push(self, pushes: Pushes, lifts: Pushes, tick: np.ndarray, heading: np.ndarray) -> np.ndarray:
+        """The pushes to come or under way.
+
+        Args:
+            pushes: horizontal ones.
+            lifts: upward ones.
+            tick: since each robot's reset (N,).
+            heading: of each robot, as a complex number of length 1, (N,).
+
+        Returns:
+            (N, 9): how near the push is, from 0 (a second away, or over) to 1 (under way); times how much of its
+            impulse is left, in units of 200 Ns: its size, along x and y of the heading frame; these three times the
+            height of the pushed body above the robot's CoM, in units of 0.5 m; the size again, positive at a left leg
+            and negative at a right one; and the same of the push upwards.
+        """
+        near, force, seconds = _weight(pushes, tick)
+        impulse = seconds / IMPULSE_UNIT * force * (pushes.force[:, 0] + 1j * pushes.force[:, 1]) * heading.conj()
+        along = np.stack([np.abs(impulse), impulse.real, impulse.imag], axis=1)
+        lever = self._height[pushes.body, None] * along
+        _, force, seconds = _weight(lifts, tick)
+        lift = seconds / IMPULSE_UNIT * force * lifts.force[:, 2]
+        side = self._side[pushes.body] * along[:, 0]
+        return np.column_stack([near, along, lever, side, lift])
+
+
+@functools.cache
+def _heights(robot: Robot, pose: tuple[float, ...]) -> list[float]:
+    """Heights of the pushable bodies' CoMs above the robot's [m]."""
+    return [-robot.lever_arm(np.array(pose), name, 0.0) for name in robot.body_ids]
+
+
+def _weight(pushes: Pushes, tick: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How near each push is, that times the share of it that is left, and its duration [s]."""
+    ticks = np.maximum(pushes.end - pushes.start, 1)
+    left = np.clip((pushes.end - np.maximum(tick, pushes.start)) / ticks, 0.0, 1.0)
+    near = np.clip(1.0 - (pushes.start - tick) / CONTROL_HZ, 0.0, 1.0) * (left > 0.0)
+    return near, near * left, ticks / CONTROL_HZ

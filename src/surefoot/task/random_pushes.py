@@ -1,0 +1,174 @@
+"""Disturbance: pushes as data, and who gets one when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from surefoot.physics.pushes import PUSH_DURATION, Pushes
+from surefoot.physics.step_record import horizontal
+from surefoot.rates import CONTROL_DT, TICKS_PER_STEP
+from surefoot.task.fall_rates import NUM_SECTORS, FallRates, to_sector
+
+
+@dataclass(frozen=True)
+class DisturbanceConfig:
+    """Random horizontal pushes of a training episode; the defaults are the paper's (section IV-F).
+
+    Attributes:
+        bodies: who is pushed, one drawn per push.
+        impulse: range [Ns], uniform.
+        first: range of the first push's start [s], uniform.
+        interval: range of the time from one push to the next [s], uniform.
+        duration: [s].
+        curriculum: if given, the share of hard pushes to survive. Each direction then has a ceiling of its own that
+            begins at the range's upper end and rises while more are survived.
+        max_impulse: where a curriculum ends [Ns].
+        lift: range of a push upwards at the root that comes first in some cases [Ns], uniform.
+        lift_share: in this share of the pushes; the other one is then half as large as it was drawn.
+        lift_gap: time from the push upwards to the other [s].
+        small: range of the pushes that are to be answered without a step [Ns], uniform.
+        small_share: in this share of the pushes.
+        focus: share of the pushes that go to bodies, in directions and with impulses of which robots sometimes fall;
+            see `FallRates`.
+    """
+
+    bodies: tuple[str, ...] = ("root",)
+    impulse: tuple[float, float] = (26.5, 106.0)
+    first: tuple[float, float] = (1.0, 1.0)
+    interval: tuple[float, float] = (5.0, 5.0)
+    duration: float = PUSH_DURATION
+    curriculum: float | None = None
+    max_impulse: float = 600.0
+    lift: tuple[float, float] = (0.0, 0.0)
+    lift_share: float = 0.0
+    lift_gap: float = 0.24
+    small: tuple[float, float] = (0.0, 0.0)
+    small_share: float = 0.0
+    focus: float = 0.0
+
+
+class RandomPushes:
+    """Draws every robot's next push once the last one has been survived.
+
+    Args:
+        config: ranges to draw from.
+        pushes: the N robots' pushes to fill.
+        rng: the environment batch's one generator.
+        first_pushes: the pushes to fill that lift a robot before another push; needed if the configuration has any.
+
+    Attributes:
+        ceiling: largest impulse drawn per sector of directions, (NUM_SECTORS,) [Ns], counter-clockwise from +x.
+        falls: of late, by body, direction and impulse.
+    """
+
+    STEP = 4.0
+    """How fast a curriculum moves [Ns per push]."""
+    HARD = 0.7
+    """Pushes above this share of the ceiling move it."""
+    SURVIVED_S = 2.0
+    """A push is survived when the robot has not fallen for so long after its start."""
+
+    def __init__(
+        self,
+        config: DisturbanceConfig,
+        pushes: Pushes,
+        rng: np.random.Generator,
+        first_pushes: Pushes | None = None,
+    ):
+        self.config = config
+        self.first_pushes = first_pushes
+        self.pushes = pushes
+        self.rng = rng
+        self.ceiling = np.full(NUM_SECTORS, config.impulse[1])
+        self._body_ids = np.array([pushes.robot.body_id(body) for body in config.bodies])
+        self._sector = np.zeros(len(pushes.start), np.int64)
+        self._impulse = np.zeros(len(pushes.start))
+        self._lifted = np.zeros(len(pushes.start), bool)
+        self._angle = np.zeros(len(pushes.start))
+        self.falls = FallRates(pushes.robot, config.bodies, config.impulse[1])
+        self._latest_impulse = np.zeros(len(pushes.start))
+        self._latest_start = np.zeros(len(pushes.start), np.int64)
+        # The next push is drawn in good time before it may begin.
+        survived = round(min(self.SURVIVED_S, config.interval[0]) / CONTROL_DT) - TICKS_PER_STEP
+        self._survived_ticks = max(survived, round(config.duration / CONTROL_DT))
+
+    def reset(self, ids: np.ndarray) -> None:
+        """Robots `ids` begin an episode."""
+        self._latest_impulse[ids] = 0.0
+        self._latest_start[ids] = 0
+        self._draw(ids, np.zeros(len(ids), np.int64), self.config.first)
+
+    def advance(self, tick: np.ndarray) -> None:
+        """Draw the next push of every robot that has survived its last one; `tick` (N,) since its reset."""
+        over = np.flatnonzero(self.pushes.start + self._survived_ticks <= tick)
+        if len(over):
+            self._move_ceiling(over, survived=True)
+            self._count_falls(over, fell=False)
+            self._draw(over, self.pushes.start[over], self.config.interval)
+
+    def latest(self, tick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The push that began last, before `tick` (N,) since each robot's reset.
+
+        Returns:
+            impulse: (N,) [Ns], infinite if it came with a push upwards, 0 if none began.
+            since: (N,) ticks since its start, or since the reset.
+        """
+        begun = self.pushes.start < tick
+        self._latest_impulse[begun] = np.where(self._lifted, np.inf, self._impulse)[begun]
+        self._latest_start[begun] = self.pushes.start[begun]
+        return self._latest_impulse, tick - self._latest_start
+
+    def fell(self, ids: np.ndarray, tick: np.ndarray) -> None:
+        """Robots `ids` (n,) have fallen at `tick` (n,) since their reset."""
+        pushed = ids[self.pushes.start[ids] < tick]
+        self._move_ceiling(pushed, survived=False)
+        self._count_falls(pushed, fell=True)
+
+    def _move_ceiling(self, ids: np.ndarray, survived: bool) -> None:
+        if self.config.curriculum is None:
+            return
+        hard = ids[self._impulse[ids] > self.HARD * self.ceiling[self._sector[ids]]]
+        np.add.at(self.ceiling, self._sector[hard], self.STEP * (survived - self.config.curriculum))
+        np.clip(self.ceiling, self.config.impulse[1], self.config.max_impulse, out=self.ceiling)
+
+    def _count_falls(self, ids: np.ndarray, fell: bool) -> None:
+        if self.config.focus:
+            ids = ids[~self._lifted[ids]]
+            self.falls.count(self.pushes.body[ids], self._angle[ids], self._impulse[ids], fell)
+
+    def _draw(self, ids: np.ndarray, since: np.ndarray, wait: tuple[float, float]) -> None:
+        n = len(ids)
+        start = since + np.rint(self.rng.uniform(*wait, n) / CONTROL_DT).astype(np.int64)
+        angle = self.rng.uniform(0.0, 2.0 * np.pi, n)
+        self._sector[ids] = to_sector(angle)
+        size = self.rng.uniform(self.config.impulse[0], self.ceiling[self._sector[ids]])
+        body = self._body_ids[self.rng.integers(len(self._body_ids), size=n)]
+        if self.config.small_share:
+            small = self.rng.random(n) < self.config.small_share
+            size[small] = self.rng.uniform(*self.config.small, small.sum())
+        if self.config.focus:
+            aimed = self.rng.random(n) < self.config.focus
+            body[aimed], angle[aimed], drawn = self.falls.draw(aimed.sum(), self.rng)
+            size[aimed] = np.clip(drawn, *self.config.impulse)
+            self._sector[ids] = to_sector(angle)
+        self._impulse[ids], self._angle[ids] = size, angle
+        impulse = np.zeros((n, 3))
+        horizontal(impulse)[:] = size * np.exp(1j * angle)
+        if self.config.lift_share and self.first_pushes:
+            lifted = self._lift(ids, start, self.first_pushes)
+            start += lifted * round(self.config.lift_gap / CONTROL_DT)
+            impulse[lifted] *= 0.5
+            self._lifted[ids] = lifted
+        self.pushes.schedule(ids, body, impulse, start, self.config.duration)
+
+    def _lift(self, ids: np.ndarray, start: np.ndarray, pushes: Pushes) -> np.ndarray:
+        """Push some of the robots upwards at `start`; which ones (n,)."""
+        config = self.config
+        lifted = self.rng.random(len(ids)) < config.lift_share
+        up = self.rng.uniform(*config.lift, lifted.sum())[:, None] * np.array([0.0, 0.0, 1.0])
+        root = np.array([pushes.robot.body_id("root")])
+        pushes.cancel(ids)
+        pushes.schedule(ids[lifted], root, up, start[lifted], config.duration)
+        return lifted
