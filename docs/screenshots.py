@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.errors import UserError
+from surefoot.physics.pushes import horizontal_push
 from surefoot.viewer import browser
 from surefoot.viewer.page import Page
-from surefoot.viewer.session import Session, horizontal_push
+from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource
 
 PICTURES = Path(__file__).parent / "pictures"

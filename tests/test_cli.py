@@ -12,8 +12,8 @@ import pytest
 from surefoot.agents.contract import Contract
 from surefoot.agents.load import shipped_policies
 from surefoot.agents.policy_file import network_bytes
+from surefoot.cli.evaluate import chosen_scenarios
 from surefoot.cli.main import COMMANDS
-from surefoot.cli.testing import chosen_scenarios
 from surefoot.robots.robot import load_robot
 
 

@@ -16,15 +16,15 @@ import pytest
 from PIL import Image
 
 from surefoot.agents.nominal import NominalAgent
-from surefoot.cli.watching import Picture, Video, push_trial, scenario_trial
+from surefoot.cli.video import Picture, Video, push_trial, scenario_trial
 from surefoot.errors import UserError
 from surefoot.evaluation.scenarios import Scenario
-from surefoot.physics.pushes import Drop
+from surefoot.physics.pushes import Drop, horizontal_push
 from surefoot.rendering import renderer as scene
 from surefoot.rendering.film import draw_moment, record, trial_words
 from surefoot.rendering.renderer import Renderer
 from surefoot.viewer.clip import SIZE, ClipRecorder, save_clip
-from surefoot.viewer.session import Session, horizontal_push
+from surefoot.viewer.session import Session
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.cli import reproduce
-from surefoot.cli.reproduce import Study
+from surefoot.cli import study as reproduce
+from surefoot.cli.study import Study
 from surefoot.errors import UserError
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.learning.config import preset

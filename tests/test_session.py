@@ -10,12 +10,12 @@ import pytest
 from surefoot.agents.load import load_policy
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
-from surefoot.physics.pushes import Push
+from surefoot.physics.pushes import Push, horizontal_push
 from surefoot.rates import POLICY_HZ
 from surefoot.task.imperfections import Imperfections
 from surefoot.viewer import session as session_module
 from surefoot.viewer.player import Player
-from surefoot.viewer.session import Session, horizontal_push
+from surefoot.viewer.session import Session
 from surefoot.viewer.verdict import State
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import tyro
 
-from surefoot.cli.learning import Ablate, Reproduce, Select, Train
-from surefoot.cli.showing import Demo, Pictures, Report
+from surefoot.cli.evaluate import Bench, Evaluate, Replay, Table
+from surefoot.cli.report import Demo, Pictures, Report
 from surefoot.cli.terminal import console
-from surefoot.cli.testing import Bench, Evaluate, Replay, Table
-from surefoot.cli.watching import Picture, Play, Video
+from surefoot.cli.train import Ablate, Reproduce, Select, Train
+from surefoot.cli.video import Picture, Play, Video
 from surefoot.errors import UserError
 
 COMMANDS: dict[str, Callable[..., Any]] = {

@@ -35,6 +35,12 @@ class Push:
     lever: float | None = None
 
 
+def horizontal_push(body: str, angle_deg: float, impulse: float, duration: float = PUSH_DURATION) -> Push:
+    """A horizontal push at once; `angle_deg` counts counter-clockwise from forward (+x) [deg], `impulse` is in Ns."""
+    angle = np.radians(angle_deg)
+    return Push(body, (float(np.cos(angle)), float(np.sin(angle)), 0.0), impulse, 0.0, duration)
+
+
 @dataclass(frozen=True)
 class Drop:
     """A fall from a height in the nominal pose.

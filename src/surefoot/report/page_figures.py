@@ -24,7 +24,7 @@ from surefoot.evaluation.replay import differences
 from surefoot.evaluation.scenarios import SINGLE
 from surefoot.evaluation.trials import Trial
 from surefoot.rendering import film as video
-from surefoot.report import paper, pictures, plots, tables
+from surefoot.report import paper, plots, result_pictures, tables
 from surefoot.report import trial_plots as drawings
 from surefoot.report.evaluations import LARGEST, SHANK, Evaluation
 from surefoot.report.traces import STRIDE, Trace, run_traces
@@ -107,7 +107,7 @@ def policy_figures(evaluation: Evaluation, policy: Policy | ControllerAgent | No
 
 
 def _bars(evaluations: Sequence[Evaluation]) -> Figure:
-    rows = [pictures.bar_row(e.name, e.thresholds) for e in evaluations]
+    rows = [result_pictures.bar_row(e.name, e.thresholds) for e in evaluations]
     equation = paper.TABLE_1["equation (6)"]
     rows.append(plots.BarRow("equation (6)", *tables.worse_bounds(evaluations[0].robot), *equation))
     data = [

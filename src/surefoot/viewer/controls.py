@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import viser
 
 from surefoot.errors import UserError
-from surefoot.physics.pushes import Push
+from surefoot.physics.pushes import Push, horizontal_push
 from surefoot.viewer.clip import SECONDS, save_clip
-from surefoot.viewer.session import FRICTION, horizontal_push
+from surefoot.viewer.session import FRICTION
 from surefoot.viewer.source import offered_policies
 
 if TYPE_CHECKING:

@@ -14,12 +14,13 @@ import rich
 import viser
 
 from surefoot.errors import UserError
+from surefoot.physics.pushes import horizontal_push
 from surefoot.viewer.browser_scene import BrowserScene
 from surefoot.viewer.clip import ClipRecorder
 from surefoot.viewer.controls import Controls
 from surefoot.viewer.live import History, LivePanel
 from surefoot.viewer.player import Player
-from surefoot.viewer.session import Session, horizontal_push
+from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource
 
 PORT = 8080

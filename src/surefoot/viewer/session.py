@@ -10,7 +10,7 @@ from surefoot.agents.agent import Policy
 from surefoot.errors import UserError
 from surefoot.evaluation.strategies import StrategyWatch
 from surefoot.evaluation.trials import JOINT_NOISE
-from surefoot.physics.pushes import PUSH_DURATION, Push, Pushes
+from surefoot.physics.pushes import Push, Pushes
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots.robot import load_robot
@@ -240,9 +240,3 @@ class Session:
 def _words(watch: StrategyWatch, robot: int) -> str:
     words = str(watch.strategies(robot))
     return "" if words == "none" else words
-
-
-def horizontal_push(body: str, angle_deg: float, impulse: float, duration: float = PUSH_DURATION) -> Push:
-    """A horizontal push; angle from forward (+x), counter-clockwise [deg]."""
-    angle = np.radians(angle_deg)
-    return Push(body, (float(np.cos(angle)), float(np.sin(angle)), 0.0), impulse, 0.0, duration)

@@ -159,7 +159,7 @@ class Bench:
         check_positive("seconds", self.seconds)
         with needs_torch():
             import torch  # noqa: F401
-        from surefoot.cli.bench import bench_table, run_bench
+        from surefoot.cli.benchmarks import bench_table, run_bench
 
         with console.status("measuring") as status:
             figures = run_bench(self.seconds, lambda stage: status.update(f"measuring {stage}"))

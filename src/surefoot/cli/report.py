@@ -9,9 +9,9 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from surefoot.cli.learning import Train
+from surefoot.cli.evaluate import chosen_scenarios, evaluate_policy
 from surefoot.cli.terminal import console, write_text
-from surefoot.cli.testing import chosen_scenarios, evaluate_policy
+from surefoot.cli.train import Train
 from surefoot.errors import UserError
 
 DEMO_MARK = ".surefoot-demo"
@@ -98,18 +98,18 @@ class Pictures:
         from surefoot.agents.load import load_policy
         from surefoot.evaluation.results import read_thresholds
         from surefoot.learning.curve import read_curves
-        from surefoot.report import pictures, plots
+        from surefoot.report import plots, result_pictures
 
         policies, policy = read_thresholds(self.thresholds), load_policy(self.policy)
         if policy.name not in policies:
             raise UserError(f"no thresholds of '{policy.name}' in {self.thresholds}; valid: {', '.join(policies)}")
         self.out.mkdir(parents=True, exist_ok=True)
         with console.status("drawing pictures"):
-            drawn = pictures.draw_thresholds(policies, policy.robot, self.out)
+            drawn = result_pictures.draw_thresholds(policies, policy.robot, self.out)
             drawn.append(self.out / "curves.png")
             plots.learning_curves(read_curves(self.curves), drawn[-1])
             try:
-                drawn.append(pictures.draw_strip(policy, policies[policy.name], self.out / "strip.png"))
+                drawn.append(result_pictures.draw_strip(policy, policies[policy.name], self.out / "strip.png"))
             except UserError as error:  # a machine without OpenGL still gets the plots
                 console.print(f"no film strip: {error}", markup=False, soft_wrap=True)
         for picture in drawn:

@@ -22,7 +22,7 @@ from surefoot.cli.terminal import (
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
-    from surefoot.cli.reproduce import Study
+    from surefoot.cli.study import Study
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Reproduce:
 
     def main(self) -> None:
         with needs_torch():
-            from surefoot.cli import reproduce
+            from surefoot.cli import study as reproduce
         from surefoot.evaluation.scenario_file import suite
 
         check_positive("minutes", self.minutes)
@@ -113,7 +113,7 @@ class Reproduce:
             raise
 
     def _run(self, study: Study) -> None:
-        from surefoot.cli import reproduce
+        from surefoot.cli import study as reproduce
 
         runs, measured = study.runs(), list[float]()
         num_lines = sum(len(scenario.lines()) for scenario in study.scenarios)

@@ -190,8 +190,8 @@ def push_trial(body: str, direction: str, impulse: float, duration: float, seed:
         UserError: there is no such body or direction, or a number will not do.
     """
     from surefoot.evaluation.trials import Trial
+    from surefoot.physics.pushes import horizontal_push
     from surefoot.robots.robot import load_robot
-    from surefoot.viewer.session import horizontal_push
 
     load_robot().body_id(body)
     try:

@@ -17,6 +17,7 @@ from surefoot.agents.network import NetworkAgent
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.trials import NUM_SLOTS, run_list
 from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.pushes import horizontal_push
 from surefoot.physics.signals import LowPass
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.task import observation
@@ -162,7 +163,6 @@ def live_page(num_robots: int, seconds: float) -> dict[str, float]:
     real time. What the browser draws is the browser's own affair.
     """
     from surefoot.viewer.page import Page
-    from surefoot.viewer.session import horizontal_push
     from surefoot.viewer.source import PolicySource
 
     page = Page(PolicySource("nominal"), num_robots, port=0)
