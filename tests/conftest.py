@@ -131,6 +131,12 @@ def stand(robot: Robot, num_robots: int, num_threads: int = 1, pose: str = "bent
     return engine
 
 
+def step_to(engine: MujocoEngine, targets: np.ndarray, ids: np.ndarray | None = None) -> StepRecord:
+    """One policy step of robots `ids` (n,), all without it, under joint targets (n, TICKS_PER_STEP, num_joints)."""
+    engine.joint_targets[slice(None) if ids is None else ids] = targets
+    return engine.step(ids)
+
+
 def hold(robot: Robot, num_robots: int, pose: str = "bent") -> np.ndarray:
     return np.tile(robot.pose(pose), (num_robots, TICKS_PER_STEP, 1))
 
@@ -175,20 +181,19 @@ def standing(robot: Robot) -> StepRecord:
     engine.reset(np.array([0]), pose)
     targets = np.tile(pose[:, None], (1, TICKS_PER_STEP, 1))
     for _ in range(50):
-        ticks = engine.step(targets)
-    return StepRecord(robot, engine.layout, ticks.record.copy())
+        ticks = step_to(engine, targets)
+    return ticks.copy()
 
 
 @pytest.fixture(scope="session")
 def altered(robot: Robot) -> Callable[..., StepRecord]:
     """StepRecord in which the named sensors read other values: `altered(ticks, com_velocity=(0, 0, 1))`."""
-    layout = MujocoEngine(robot, 1, num_threads=1).layout
 
     def alter(ticks: StepRecord, **values: object) -> StepRecord:
-        record = ticks.record.copy()
+        changed = ticks.copy()
         for sensor, value in values.items():
-            record[..., layout[sensor]] = value
-        return StepRecord(robot, layout, record)
+            changed[sensor][...] = value
+        return changed
 
     return alter
 

@@ -57,8 +57,7 @@ def driven(
     loop, ids = ControllerLoop(entrant, robot, 1, 1), np.array([0])
     loop.reset(ids, robot.pose("bent")[None], **start)
     loop.begin(ids)
-    steps = [loop.drive(ids) for _ in range(num_steps)]
-    return loop, [StepRecord(robot, loop.engine.layout, ticks.record.copy()) for ticks in steps]
+    return loop, [loop.drive(ids).copy() for _ in range(num_steps)]
 
 
 def short(trial: Trial, horizon: float = 1.5) -> Trial:

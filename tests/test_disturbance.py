@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import NUM_BODIES, write_wrench
+from conftest import NUM_BODIES, step_to, write_wrench
 
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.pushes import PUSH_DURATION, Push, Pushes
@@ -106,7 +106,7 @@ def test_a_push_gives_a_flying_robot_its_impulse(robot: Robot) -> None:
     pushes = one_push(robot, 13)
     for step in range(5):
         write_wrench(pushes, engine.wrench, np.array([step * TICKS_PER_STEP]))
-        ticks = engine.step(np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
+        ticks = step_to(engine, np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
     # 19 ticks after the record's first: 99 steps of gravity; m v = J.
     momentum = 137.2875 * ticks.com_velocity[0, -1]
     np.testing.assert_allclose(momentum, [12.0, -24.0, 6.0 - 1346.33 * 99 * 0.002], atol=0.02)
@@ -157,7 +157,7 @@ def test_a_push_with_a_lever_turns_a_flying_robot_about_its_com(
     arm = robot.lever_arm(pose, body, lever)
     pushes.schedule(np.array([0]), np.array([robot.body_id(body)]), impulse, np.array([5]), CONTROL_DT, arm)
     write_wrench(pushes, engine.wrench, np.array([0]))
-    momentum = engine.step(np.tile(pose, (1, TICKS_PER_STEP, 1))).angular_momentum[0]
+    momentum = step_to(engine, np.tile(pose, (1, TICKS_PER_STEP, 1))).angular_momentum[0]
     # (0, 0, lever) x J, at once; what the joints do about it afterwards changes nothing. About z it is the body's
     # place in the horizontal plane that counts.
     expected = 10.0 * lever * np.array([-direction[1], direction[0]])

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import step_to
 from scipy.spatial.transform import Rotation
 
 from surefoot.physics.mujoco_engine import MujocoEngine
@@ -231,8 +232,8 @@ def test_every_tick_and_robot_is_observed_alike(robot: Robot) -> None:
     engine = MujocoEngine(robot, 3, num_threads=1)
     engine.reset(np.arange(3), np.tile(robot.pose("bent"), (3, 1)), yaw=np.array([0.0, 1.0, 2.0]))
     targets = np.random.default_rng(0).uniform(-0.2, 0.2, (3, TICKS_PER_STEP, robot.num_joints))
-    ticks = engine.step(targets)
+    ticks = step_to(engine, targets)
     together = observation.observe(ticks)
     for robot_index, tick in ((0, 0), (1, 13), (2, 19)):
-        one = StepRecord(robot, engine.layout, ticks.record[robot_index : robot_index + 1, tick : tick + 1])
+        one = ticks[robot_index : robot_index + 1].ticks(slice(tick, tick + 1))
         np.testing.assert_array_equal(observation.observe(one)[0, 0], together[robot_index, tick])

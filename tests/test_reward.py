@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from conftest import step_to
 
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord
@@ -197,10 +198,7 @@ def test_a_steps_reward_is_the_mean_over_its_ticks(
     robot: Robot, perfect: StepRecord, altered: Callable[..., StepRecord]
 ) -> None:
     fallen = altered(perfect, ground_contact=9.0, torso_up=about_y(0.3))
-    record = perfect.record.copy()
-    record[:, 15:] = fallen.record[:, 15:]  # the last 5 of 20 ticks
-    layout = MujocoEngine(robot, 1, num_threads=1).layout
-    mixed = StepRecord(robot, layout, record)
+    mixed = StepRecord.join([perfect.ticks(slice(0, 15)), fallen.ticks(slice(15, 20))])
     expected = 0.75 * of_step(perfect) + 0.25 * of_step(fallen)
     assert of_step(mixed) == pytest.approx(expected, abs=1e-12)
     assert expected < 0.75
@@ -210,8 +208,8 @@ def test_every_robot_has_its_own_reward_and_the_means_are_over_all(
     robot: Robot, perfect: StepRecord, altered: Callable[..., StepRecord]
 ) -> None:
     leaning = altered(perfect, torso_up=about_y(0.3))
-    layout = MujocoEngine(robot, 1, num_threads=1).layout
-    both = StepRecord(robot, layout, np.concatenate([leaning.record, perfect.record]))
+    both = perfect[np.array([0, 0])]
+    both.record[0] = leaning.record[0]
     rewards, means = reward.step_reward(both, HEIGHT)
     np.testing.assert_allclose(rewards, [of_step(leaning), of_step(perfect)], rtol=1e-12)
     # exp(-4.68 * 0.09) = 0.65627; (0.65627 + 1) / 2
@@ -245,7 +243,7 @@ def test_a_robot_dropped_from_2_m_is_penalised_for_flying(robot: Robot) -> None:
     engine = MujocoEngine(robot, 1, num_threads=1)
     pose = robot.pose("straight")[None]
     start = engine.reset(np.array([0]), pose, height=2.0)
-    ticks = engine.step(np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
+    ticks = step_to(engine, np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
     rewards, means = reward.step_reward(ticks, float(start.com_height[0, 0]))
     assert means["no_foot_contact"] == -2.0
     # Upright in the air: (3 + 1 + 4) / 14 of the terms at best, the position term near 1, minus 0.2.
@@ -288,4 +286,4 @@ def test_leaving_the_nominal_pose_costs_the_joints_mean_distance(
 
 def still(ticks: StepRecord) -> StepRecord:
     """The first tick, for a whole policy step."""
-    return StepRecord(ticks.robot, ticks._layout, np.repeat(ticks.record[:, :1], TICKS_PER_STEP, axis=1))
+    return StepRecord.join([ticks.ticks(slice(0, 1))] * TICKS_PER_STEP)

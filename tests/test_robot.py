@@ -9,7 +9,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from conftest import posed
+from conftest import posed, step_to
 
 from surefoot.errors import UserError
 from surefoot.physics.mujoco_engine import MujocoEngine
@@ -213,7 +213,7 @@ def test_legs_driven_into_each_other_stop_at_the_skin(robot: Robot) -> None:
     inwards[robot.joint_names.index("right_hip_roll")] = 0.4
     engine.reset(np.array([0]), robot.pose("straight")[None], height=5.0)
     for _ in range(12):
-        ticks = engine.step(np.tile(inwards, (1, TICKS_PER_STEP, 1)))
+        ticks = step_to(engine, np.tile(inwards, (1, TICKS_PER_STEP, 1)))
     # Freely they would end 0.99 m * sin(0.4) = 0.39 m inwards of their place, 0.27 m past each other. The feet's
     # inner faces may not pass each other by more than 1 cm.
     gap = ticks.sole_position[0, -1, 0] - ticks.sole_position[0, -1, 1]
@@ -235,7 +235,7 @@ def test_sliding_feet_are_braked_by_a_friction_of_one(robot: Robot) -> None:
     qvel[0, 0], qvel[1, 1] = 3.0, -2.0
     ratios = []
     for _ in range(5):
-        ticks = engine.step(np.tile(robot.pose("straight"), (2, TICKS_PER_STEP, 1)))
+        ticks = step_to(engine, np.tile(robot.pose("straight"), (2, TICKS_PER_STEP, 1)))
         for foot in ("left", "right"):
             force = ticks[f"{foot}_foot_contact"][..., 1:4]
             loaded = force[..., 2] > 50.0
@@ -253,10 +253,10 @@ def test_friction_at_a_tenth_of_its_limit_holds_a_standing_robots_feet(robot: Ro
     engine.reset(np.array([0]), robot.pose("straight")[None])
     targets = np.tile(pose, (1, TICKS_PER_STEP, 1))
     for _ in range(25):
-        ticks = engine.step(targets)
+        ticks = step_to(engine, targets)
     place = ticks.sole_position[0, -1, :, :2].copy()
     for _ in range(125):
-        ticks = engine.step(targets)
+        ticks = step_to(engine, targets)
     force = ticks["left_foot_contact"][0, -1, 1:4]
     assert 10.0 < np.hypot(force[0], force[1]) < 0.15 * force[2]
     # 5 s: a trial of 10 s must stay well below its threshold for a step, 30 mm.

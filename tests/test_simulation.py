@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import PUSH, everyone, hold, plain_steps, stand
+from conftest import PUSH, everyone, hold, plain_steps, stand, step_to
 
+from surefoot.physics.domain import DomainParameters
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord, sole_corners
 from surefoot.rates import CONTROL_DT, POLICY_DT, TICKS_PER_STEP
@@ -22,7 +23,8 @@ def test_the_batch_equals_a_loop_of_mj_step_bit_for_bit(robot: Robot) -> None:
     targets = random_targets(robot, 3)
     engine = stand(robot, 3, height=0.01)
     engine.wrench[:, :, robot.body_id("torso"), :3] = PUSH
-    batch = np.concatenate([engine.step(targets).record.copy() for _ in range(5)], axis=1)
+    motion = StepRecord.join([step_to(engine, targets).copy() for _ in range(5)])
+    batch = motion.record
     for i in range(3):
         _, data, ticks = plain_steps(robot, np.tile(targets[i], (5, 1)), PUSH)
         np.testing.assert_array_equal(batch[i], ticks.record[0])
@@ -30,7 +32,7 @@ def test_the_batch_equals_a_loop_of_mj_step_bit_for_bit(robot: Robot) -> None:
         np.testing.assert_array_equal(engine.state[1][i], data.qvel)
     # The robots did land and move.
     assert (batch[:, -1] != batch[:, 0]).any()
-    assert StepRecord(robot, engine.layout, batch).foot_contact.any()
+    assert motion.foot_contact.any()
 
 
 def test_one_thread_and_two_threads_give_the_same_bits(robot: Robot) -> None:
@@ -39,7 +41,7 @@ def test_one_thread_and_two_threads_give_the_same_bits(robot: Robot) -> None:
     for num_threads in (1, 2):
         engine = stand(robot, 8, num_threads)
         engine.wrench[:, :, 1, :3] = np.arange(8)[:, None, None] * 30.0
-        records.append([engine.step(targets).record.copy() for _ in range(10)])
+        records.append([step_to(engine, targets).record.copy() for _ in range(10)])
     np.testing.assert_array_equal(*records)
 
 
@@ -47,19 +49,19 @@ def test_a_robots_motion_does_not_depend_on_who_else_is_in_the_batch(robot: Robo
     targets = random_targets(robot, 5)
     together, alone = stand(robot, 5), stand(robot, 1)
     for _ in range(5):
-        of_five = together.step(targets).record[3].copy()
-        np.testing.assert_array_equal(of_five, alone.step(targets[3:4]).record[0])
+        of_five = step_to(together, targets).record[3].copy()
+        np.testing.assert_array_equal(of_five, step_to(alone, targets[3:4]).record[0])
 
 
 def test_a_policy_step_is_20_ticks_of_2_ms(robot: Robot) -> None:
     assert (TICKS_PER_STEP, CONTROL_DT, POLICY_DT) == (20, 0.002, 0.04)
     engine = stand(robot, 1, height=2.0)
-    ticks = engine.step(hold(robot, 1))
+    ticks = step_to(engine, hold(robot, 1))
     assert engine.model.opt.timestep == CONTROL_DT
     # Falling freely, tick k is recorded k steps of 2 ms after the beginning: v = -g k dt. The second one fell further.
     expected = -robot.gravity * CONTROL_DT * np.arange(TICKS_PER_STEP)
     np.testing.assert_allclose(ticks.com_velocity[0, :, 2], expected, atol=2e-5)
-    following = engine.step(hold(robot, 1))
+    following = step_to(engine, hold(robot, 1))
     np.testing.assert_allclose(following.com_velocity[0, :, 2], expected - robot.gravity * POLICY_DT, atol=2e-5)
     assert len(following) == 20
 
@@ -68,26 +70,26 @@ def test_stepping_some_robots_leaves_the_others_untouched(robot: Robot) -> None:
     targets = random_targets(robot, 4)
     engine, reference = stand(robot, 4), stand(robot, 4)
     for each in (engine, reference):
-        each.step(targets)
+        step_to(each, targets)
     qpos, qvel = (state.copy() for state in engine.state)
     ids = np.array([1, 3])
-    some = engine.step(targets[ids], ids).record.copy()
+    some = step_to(engine, targets[ids], ids).record.copy()
     np.testing.assert_array_equal(engine.state[0][[0, 2]], qpos[[0, 2]])
     np.testing.assert_array_equal(engine.state[1][[0, 2]], qvel[[0, 2]])
     assert (engine.state[0][ids] != qpos[ids]).any()
     # They moved as they would have in the company of all, and so do those who waited once it is their turn.
-    every = reference.step(targets).record.copy()
+    every = step_to(reference, targets).record.copy()
     np.testing.assert_array_equal(some, every[ids])
-    np.testing.assert_array_equal(engine.step(targets[[0, 2]], np.array([0, 2])).record, every[[0, 2]])
+    np.testing.assert_array_equal(step_to(engine, targets[[0, 2]], np.array([0, 2])).record, every[[0, 2]])
 
 
 @pytest.mark.parametrize("ids", [[0, 2], [2, 0], [2, 0, 1]], ids=["sorted", "some", "all"])
 def test_ids_out_of_order_are_honoured_or_refused_but_never_mixed_up(robot: Robot, ids: list[int]) -> None:
     targets = random_targets(robot, 3)
     reference, engine = stand(robot, 3), stand(robot, 3)
-    expected = reference.step(targets).record.copy()
+    expected = step_to(reference, targets).record.copy()
     try:
-        record = engine.step(targets[ids], np.array(ids)).record
+        record = step_to(engine, targets[ids], np.array(ids)).record
     except ValueError:
         assert ids != sorted(ids)
         return
@@ -105,20 +107,50 @@ def test_read_gives_the_state_of_the_robots_asked_for(robot: Robot) -> None:
 def test_a_copied_state_moves_on_as_the_original_bit_for_bit(robot: Robot) -> None:
     original, copy = stand(robot, 3), MujocoEngine(robot, 3, num_threads=1)
     for seed in range(4):
-        original.step(random_targets(robot, 3, seed))
+        step_to(original, random_targets(robot, 3, seed))
     copy.copy_state(original)
     targets = random_targets(robot, 3, seed=9)
-    np.testing.assert_array_equal(copy.step(targets).record, original.step(targets).record)
+    np.testing.assert_array_equal(step_to(copy, targets).record, step_to(original, targets).record)
 
 
 def test_bare_physics_under_copied_controls_moves_as_a_step_does(robot: Robot) -> None:
     original, copy = stand(robot, 3), stand(robot, 3)
     original.wrench[:, :, robot.body_id("torso"), :3] = PUSH
-    original.step(random_targets(robot, 3))
+    step_to(original, random_targets(robot, 3))
     copy.copy_control(original)
     copy.advance()
     np.testing.assert_array_equal(copy.state[0], original.state[0])
     np.testing.assert_array_equal(copy.state[1], original.state[1])
+
+
+@pytest.mark.parametrize("physics_hz", [500, 1000])
+def test_a_step_in_parts_moves_a_robot_as_a_whole_one_bit_for_bit(robot: Robot, physics_hz: int) -> None:
+    whole, parts = (MujocoEngine(robot, 3, 1, DomainParameters(physics_hz=physics_hz)) for _ in range(2))
+    ids = np.array([0, 2])
+    for engine in (whole, parts):
+        engine.reset(everyone(engine), np.tile(robot.pose("bent"), (3, 1)))
+        engine.joint_targets[:] = random_targets(robot, 3)
+        engine.wrench[:, :, robot.body_id("torso"), :3] = PUSH
+    expected = whole.step(ids)
+    found = [parts.step(ids, slice(first, last)) for first, last in ((0, 1), (1, 8), (8, 20))]
+    assert [len(part) for part in found] == [1, 7, 12]
+    np.testing.assert_array_equal(StepRecord.join(found).record, expected.record)
+    np.testing.assert_array_equal(parts.state[0], whole.state[0])
+
+
+@pytest.mark.usefixtures("in_scratch_folder")
+def test_who_diverged_in_any_part_of_a_step_is_known_until_the_next_one_begins(robot: Robot) -> None:
+    engine = stand(robot, 2)
+    engine.joint_targets[:] = hold(robot, 2)
+    engine.joint_targets[1, 3] = np.nan
+    found = []
+    for first in range(0, TICKS_PER_STEP, 5):
+        engine.step(ticks=slice(first, first + 5))
+        found.append(engine.diverged.tolist())
+    assert found == [[False, True]] * 4
+    assert engine.num_diverged == 1
+    step_to(engine, hold(robot, 2))
+    assert not engine.diverged.any()
 
 
 # Reset.
@@ -146,13 +178,13 @@ def test_reset_stands_the_robots_where_it_is_told(robot: Robot) -> None:
 def test_reset_of_one_robot_leaves_the_others_and_forgets_its_past(robot: Robot) -> None:
     engine = stand(robot, 3)
     for _ in range(3):
-        engine.step(random_targets(robot, 3))
+        step_to(engine, random_targets(robot, 3))
     before = engine.state[0].copy()
     engine.reset(np.array([1]), robot.pose("bent")[None])
     np.testing.assert_array_equal(engine.state[0][[0, 2]], before[[0, 2]])
     targets = random_targets(robot, 1, seed=5)
-    again = engine.step(targets, np.array([1])).record.copy()
-    np.testing.assert_array_equal(again, stand(robot, 1).step(targets).record)
+    again = step_to(engine, targets, np.array([1])).record.copy()
+    np.testing.assert_array_equal(again, step_to(stand(robot, 1), targets).record)
 
 
 # Wrenches.
@@ -162,9 +194,9 @@ def test_reset_of_one_robot_leaves_the_others_and_forgets_its_past(robot: Robot)
 def test_a_force_for_120_ms_changes_the_momentum_by_its_impulse_plus_gravitys(robot: Robot, body: str) -> None:
     engine = stand(robot, 1, height=5.0)
     engine.wrench[:, :, robot.body_id(body), :3] = PUSH
-    velocities = [engine.step(hold(robot, 1)).com_velocity[0].copy() for _ in range(3)]
+    velocities = [step_to(engine, hold(robot, 1)).com_velocity[0].copy() for _ in range(3)]
     engine.wrench[:] = 0.0
-    velocities.append(engine.step(hold(robot, 1)).com_velocity[0].copy())
+    velocities.append(step_to(engine, hold(robot, 1)).com_velocity[0].copy())
     change = robot.mass * (velocities[3][0] - velocities[0][0])
     # 60 ticks * 2 ms = 0.12 s: J = (36, -18, 9.6) Ns; gravity -1346.33 N * 0.12 s = -161.56 Ns
     np.testing.assert_allclose(change, [36.0, -18.0, 9.6 - 161.56], atol=0.05)
@@ -176,7 +208,7 @@ def test_a_force_for_120_ms_changes_the_momentum_by_its_impulse_plus_gravitys(ro
 def test_each_tick_has_its_own_wrench(robot: Robot) -> None:
     engine = stand(robot, 2, height=5.0)
     engine.wrench[1, 5, robot.body_id("root"), 1] = 1000.0  # one tick: 1000 N * 2 ms = 2 Ns
-    velocity = engine.step(hold(robot, 2)).com_velocity[..., 1]
+    velocity = step_to(engine, hold(robot, 2)).com_velocity[..., 1]
     np.testing.assert_allclose(velocity[0], 0.0, atol=1e-6)
     np.testing.assert_allclose(velocity[1, :6], 0.0, atol=1e-6)
     np.testing.assert_allclose(velocity[1, 6:], 2.0 / 137.2875, rtol=1e-3)
@@ -188,7 +220,7 @@ def test_each_tick_has_its_own_wrench(robot: Robot) -> None:
 def diverge(robot: Robot, engine: MujocoEngine, who: int) -> StepRecord:
     targets = hold(robot, engine.num_robots)
     targets[who] = np.nan
-    return engine.step(targets)
+    return step_to(engine, targets)
 
 
 @pytest.mark.usefixtures("in_scratch_folder")
@@ -199,7 +231,7 @@ def test_a_robot_that_diverges_is_flagged_and_counted_and_its_record_is_finite(r
     assert (engine.diverged.tolist(), engine.num_diverged) == ([False, False, True, False], 1)
     assert np.isfinite(ticks.record).all()
     assert np.isfinite(engine.state[0]).all()
-    engine.step(hold(robot, 4))
+    step_to(engine, hold(robot, 4))
     assert (engine.diverged.tolist(), engine.num_diverged) == ([False] * 4, 1)
 
 
@@ -214,7 +246,7 @@ def test_whatever_became_non_finite_is_noticed(robot: Robot, cause: str) -> None
         engine.wrench[1, 7, 1, 2] = np.nan
     else:
         engine.state[1][1, 8] = np.nan
-    ticks = engine.step(targets)
+    ticks = step_to(engine, targets)
     assert engine.diverged.tolist() == [False, True, False]
     assert np.isfinite(ticks.record).all()
 
@@ -225,10 +257,11 @@ def test_a_robot_that_diverges_does_not_change_a_bit_of_the_others(robot: Robot)
     engine, reference = stand(robot, 4), stand(robot, 4)
     broken = targets.copy()
     broken[2, 3:] = np.nan
-    engine.step(broken)
-    reference.step(targets)
+    step_to(engine, broken)
+    step_to(reference, targets)
     for _ in range(3):
-        np.testing.assert_array_equal(engine.step(targets).record[[0, 1, 3]], reference.step(targets).record[[0, 1, 3]])
+        records = [step_to(each, targets).record[[0, 1, 3]] for each in (engine, reference)]
+        np.testing.assert_array_equal(*records)
 
 
 @pytest.mark.usefixtures("in_scratch_folder")
@@ -254,7 +287,7 @@ def test_a_robot_that_diverges_in_a_partial_step_is_flagged_by_its_own_number(ro
     engine = stand(robot, 4)
     targets = hold(robot, 2)
     targets[1] = np.nan
-    ticks = engine.step(targets, np.array([1, 3]))
+    ticks = step_to(engine, targets, np.array([1, 3]))
     assert engine.diverged.tolist() == [False, False, False, True]
     assert np.isfinite(ticks.record).all()
 
@@ -262,6 +295,6 @@ def test_a_robot_that_diverges_in_a_partial_step_is_flagged_by_its_own_number(ro
 def test_the_world_is_left_silent_by_a_healthy_run(robot: Robot) -> None:
     engine = stand(robot, 2)
     for _ in range(10):
-        engine.step(random_targets(robot, 2))
+        step_to(engine, random_targets(robot, 2))
     assert engine.num_diverged == 0
     assert not engine.batch.warning[..., 1].any()

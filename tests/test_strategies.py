@@ -214,7 +214,7 @@ def test_steps_before_the_disturbance_do_not_count(story: Story) -> None:
 def test_reset_forgets_one_robot_and_leaves_the_other(robot: Robot, story: Story) -> None:
     watch, both = StrategyWatch(robot, 2), np.array([0, 1])
     ticks = story.ticks()
-    pair = StepRecord(robot, ticks._layout, np.repeat(ticks.record, 2, axis=0))
+    pair = ticks[np.array([0, 0])]
     watch.reset(both, pair)
     ahead = story.ticks(**pressure_ahead(story, 0.05))
     watch.update(np.array([1]), ahead, np.ones((1, TICKS_PER_STEP), bool))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from conftest import PUSH, TOTAL_MASS, hold, plain_steps, stand
+from conftest import PUSH, TOTAL_MASS, hold, plain_steps, stand, step_to
 from scipy.spatial.transform import Rotation
 
 from surefoot.physics import balance
@@ -127,7 +127,7 @@ def test_the_centre_of_pressure_weighs_the_feet_by_their_force(standing: StepRec
 
 
 def test_there_is_no_centre_of_pressure_and_no_support_in_the_air(robot: Robot) -> None:
-    ticks = stand(robot, 1, height=1.0).step(hold(robot, 1))
+    ticks = step_to(stand(robot, 1, height=1.0), hold(robot, 1))
     assert np.isnan(ticks.center_of_pressure).all()
     assert not ticks.foot_contact.any()
     assert not ticks.non_foot_contact.any()
@@ -178,7 +178,7 @@ def test_a_robot_on_the_floor_has_non_foot_contact(robot: Robot, turn: tuple[flo
     roll, pitch = turn
     qpos[1, 3:7] = Rotation.from_euler("YX", [pitch, roll]).as_quat(scalar_first=True)
     qpos[1, 2] = 0.12
-    ticks = engine.step(hold(robot, 2))
+    ticks = step_to(engine, hold(robot, 2))
     assert ticks.non_foot_contact[1, :10].all()  # then it bounces
     assert not ticks.non_foot_contact[0].any()
 
@@ -186,10 +186,10 @@ def test_a_robot_on_the_floor_has_non_foot_contact(robot: Robot, turn: tuple[flo
 def test_a_falling_robot_has_non_foot_contact_only_once_it_lies(robot: Robot) -> None:
     engine = stand(robot, 1)
     engine.wrench[:, :, robot.body_id("root"), 0] = 3000.0
-    engine.step(hold(robot, 1))
+    step_to(engine, hold(robot, 1))
     engine.wrench[:] = 0.0
     for _ in range(60):
-        ticks = engine.step(hold(robot, 1))
+        ticks = step_to(engine, hold(robot, 1))
         if ticks.non_foot_contact.any():
             break
     first = int(ticks.non_foot_contact[0].argmax())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import hold
+from conftest import hold, step_to
 
 from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.physics.mujoco_engine import MujocoEngine
@@ -22,7 +22,7 @@ def standing_in(
     pose[[robot.joint_names.index(f"{side}_ankle_pitch") for side in ("left", "right")]] += ankles
     engine.reset(np.array([0]), pose[None], yaw=yaw)
     for _ in range(num_steps):
-        ticks = engine.step(np.tile(pose, (1, TICKS_PER_STEP, 1)))
+        ticks = step_to(engine, np.tile(pose, (1, TICKS_PER_STEP, 1)))
     return ticks
 
 
@@ -43,7 +43,7 @@ def test_sliding_feet_are_braked_by_the_worlds_friction(robot: Robot, friction: 
     engine.state[1][0, 0] = 3.0
     ratios = []
     for _ in range(5):
-        ticks = engine.step(hold(robot, 1, "straight"))
+        ticks = step_to(engine, hold(robot, 1, "straight"))
         for foot in ("left", "right"):
             force = ticks[f"{foot}_foot_contact"][..., 1:4]
             loaded = force[..., 2] > 50.0
@@ -70,7 +70,7 @@ def test_a_push_moves_a_lighter_robot_more(robot: Robot) -> None:
         engine = MujocoEngine(robot, 1, num_threads=1, domain=DomainParameters(mass_scale=scale))
         engine.reset(np.array([0]), robot.pose("bent")[None], height=5.0)
         engine.wrench[0, 5, robot.body_id("root"), 0] = 5000.0  # 10 Ns in one tick
-        speeds.append(engine.step(hold(robot, 1)).com_velocity[0, 10, 0])
+        speeds.append(step_to(engine, hold(robot, 1)).com_velocity[0, 10, 0])
     np.testing.assert_allclose(speeds, [10.0 / 137.2875, 10.0 / (0.9 * 137.2875)], rtol=1e-3)
 
 
@@ -80,7 +80,7 @@ def test_a_far_target_gives_the_worlds_torque_limit(robot: Robot, strength: floa
     engine.reset(np.arange(11), np.zeros((11, 11)), height=5.0)
     targets = np.zeros((11, TICKS_PER_STEP, 11))
     targets[np.arange(11), :, np.arange(11)] = 100.0
-    largest = np.abs(engine.step(targets).joint_torque).max(axis=(0, 1))
+    largest = np.abs(step_to(engine, targets).joint_torque).max(axis=(0, 1))
     np.testing.assert_allclose(largest, strength * np.array([150, *[350, 350, 350, 205, 205] * 2]), rtol=1e-12)
 
 
@@ -135,7 +135,7 @@ def test_at_1000_hz_the_same_ticks_are_recorded(robot: Robot) -> None:
     assert fine.model.opt.timestep == 0.001
     fine.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=5.0)
     for step in range(2):
-        ticks = fine.step(hold(robot, 2))
+        ticks = step_to(fine, hold(robot, 2))
         assert len(ticks) == TICKS_PER_STEP
         expected = -robot.gravity * CONTROL_DT * (step * TICKS_PER_STEP + np.arange(TICKS_PER_STEP))
         np.testing.assert_allclose(ticks.com_velocity[:, :, 2], np.tile(expected, (2, 1)), atol=2e-5)
@@ -147,7 +147,7 @@ def test_at_1000_hz_each_tick_has_its_own_wrench_and_target(robot: Robot) -> Non
     engine.wrench[1, 5, robot.body_id("root"), 1] = 1000.0  # one tick of 2 ms: 2 Ns
     targets = hold(robot, 2)
     targets[1, 10:, 0] += 0.01
-    ticks = engine.step(targets)
+    ticks = step_to(engine, targets)
     velocity = ticks.com_velocity[..., 1]
     np.testing.assert_allclose(velocity[1, :6], 0.0, atol=1e-6)
     np.testing.assert_allclose(velocity[1, 6:], 2.0 / 137.2875, rtol=2e-3)
@@ -158,8 +158,8 @@ def test_at_1000_hz_each_tick_has_its_own_wrench_and_target(robot: Robot) -> Non
     engine.wrench[:] = 0.0
     reference = MujocoEngine(robot, 2, num_threads=1, domain=DomainParameters(physics_hz=1000))
     reference.copy_state(engine)
-    alone = engine.step(targets[1:], np.array([1])).record[0].copy()
-    np.testing.assert_array_equal(alone, reference.step(targets).record[1])
+    alone = step_to(engine, targets[1:], np.array([1])).record[0].copy()
+    np.testing.assert_array_equal(alone, step_to(reference, targets).record[1])
 
 
 def test_at_1000_hz_a_robot_stands_as_it_does_at_500(robot: Robot) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -121,10 +122,10 @@ def trials_over_physics(seconds: float) -> dict[str, float]:
     inside, began, num_trials = 0.0, time.perf_counter(), 0
     advance = MujocoEngine.advance
 
-    def timed_advance(engine: MujocoEngine, ids: np.ndarray | None = None) -> np.ndarray:
+    def timed_advance(engine: MujocoEngine, *which: Any) -> np.ndarray:
         nonlocal inside
         start = time.perf_counter()
-        record = advance(engine, ids)
+        record = advance(engine, *which)
         inside += time.perf_counter() - start
         return record
 

@@ -28,9 +28,11 @@ _AT_REST = ("qvel", "qacc_warmstart", "ctrl", "xfrc_applied")
 _DIVERGENCE_WARNINGS = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjNWARNING))
 
 
+WHOLE_STEP = slice(None)
+"""All ticks of a policy step."""
+
+
 _TOUCH = 1e-6
-
-
 """A robot is put down so deep [m]: with soles at exactly zero, rounding would decide whether they touch."""
 
 
@@ -44,9 +46,9 @@ class MujocoEngine:
     Attributes:
         wrench: forces and torques on every body over the next policy step, (num_robots, TICKS_PER_STEP, num_bodies,
             6), world frame at the body's CoM [N, Nm]; the caller writes and clears it.
-        joint_targets: of the next policy step, (num_robots, TICKS_PER_STEP, num_joints) [rad]; `step` writes them, or
-            the caller.
-        diverged: bool (num_robots,), who became non-finite in the last step and was put back to its default state.
+        joint_targets: of the next policy step, (num_robots, TICKS_PER_STEP, num_joints) [rad]; the caller writes them.
+        diverged: bool (num_robots,), who became non-finite since the last policy step began (with its first tick) and
+            was put back to its default state.
         num_diverged: how many have, ever.
     """
 
@@ -71,6 +73,7 @@ class MujocoEngine:
         self.diverged = np.zeros(num_robots, bool)
         self.num_diverged = 0
         self._warnings = np.zeros(num_robots, np.int64)
+        self._friction: np.ndarray | None = None
 
     def reset(
         self,
@@ -111,51 +114,40 @@ class MujocoEngine:
         """One tick (n, 1, ...) of robots `ids`: their state at the last reset or at the last physics step."""
         return StepRecord(self.robot, self.layout, self._sensordata[ids][:, None])
 
-    def step(self, joint_targets: np.ndarray | None = None, ids: np.ndarray | None = None) -> StepRecord:
-        """Advance robots `ids` (n,) (all without it) by one policy step.
+    def step(self, ids: np.ndarray | None = None, ticks: slice = WHOLE_STEP) -> StepRecord:
+        """Advance robots under what `joint_targets` and `wrench` hold for them.
 
         Args:
-            joint_targets: (n, TICKS_PER_STEP, num_joints) [rad]; without it, what `joint_targets` holds.
+            ids: the robots (n,); all of them without it.
+            ticks: which ticks of the policy step; all of them without it.
 
         Returns:
-            The ticks (n, TICKS_PER_STEP, ...), in a buffer that the next step overwrites.
+            The record of these robots and ticks. That of a whole step lies in a buffer that the next whole step
+            overwrites.
         """
-        if joint_targets is not None:
-            self.joint_targets[slice(None) if ids is None else ids] = joint_targets
-        record = self.advance(ids)
-        self._find_diverged(record, ids)
+        record = self.advance(ids, ticks)
+        self._find_diverged(record, ids, begins=not ticks.start)
         return StepRecord(self.robot, self.layout, record)
 
-    def advance(self, ids: np.ndarray | None = None) -> np.ndarray:
-        """The bare physics of a step under the present controls: the record (n, TICKS_PER_STEP, num_sensor_values)."""
-        control = self._control if ids is None else self._control[ids]
-        record = self._record if ids is None else self._record[: len(ids)]
+    def advance(self, ids: np.ndarray | None = None, ticks: slice = WHOLE_STEP) -> np.ndarray:
+        """Advance robots as `step` does, without a look for non-finite numbers: the bare physics.
+
+        Returns:
+            The record (n, num_ticks, num_sensor_values).
+        """
+        if ticks == WHOLE_STEP:
+            control = self._control if ids is None else self._control[ids]
+            record = self._record if ids is None else self._record[: len(ids)]
+        else:
+            control = np.ascontiguousarray(self._control[slice(None) if ids is None else ids, ticks])
+            record = np.empty((*control.shape[:2], self.model.nsensordata))
         if self._num_substeps > 1:
             return self._advance_finely(control, record, ids)
+        num_ticks = control.shape[1]
         self.batch.rollout(
-            TICKS_PER_STEP, control, _CONTROL_SPEC, record=["sensordata"], ids=ids, out={"sensordata": record}
+            num_ticks, control, _CONTROL_SPEC, record=["sensordata"], ids=ids, out={"sensordata": record}
         )
         return record
-
-    def advance_some(self, ids: np.ndarray, ticks: slice) -> np.ndarray:
-        """Some of the ticks of a step of robots `ids` (n,): their record (n, num_ticks, num_sensor_values).
-
-        `diverged` is then about these ticks.
-        """
-        control = self._control[ids, ticks]
-        record = np.empty((*control.shape[:2], self.model.nsensordata))
-        if self._num_substeps > 1:
-            self._advance_finely(control, record, ids)
-        else:
-            self.batch.rollout(
-                control.shape[1], control, _CONTROL_SPEC, record=["sensordata"], ids=ids, out={"sensordata": record}
-            )
-        self._find_diverged(record, ids)
-        return record
-
-    def record(self, num_robots: int) -> np.ndarray:
-        """A step's record for so many robots, (num_robots, TICKS_PER_STEP, num_sensor_values); every step has it."""
-        return self._record[:num_robots]
 
     def _advance_finely(self, control: np.ndarray, record: np.ndarray, ids: np.ndarray | None) -> np.ndarray:
         fine = np.repeat(control, self._num_substeps, axis=1)
@@ -163,15 +155,22 @@ class MujocoEngine:
         record[:] = all_substeps["sensordata"][:, :: self._num_substeps]
         return record
 
-    def _find_diverged(self, record: np.ndarray, ids: np.ndarray | None) -> None:
+    def _find_diverged(self, record: np.ndarray, ids: np.ndarray | None, begins: bool) -> None:
         warnings = self.batch.warning[:, _DIVERGENCE_WARNINGS, 1].sum(axis=1)
-        self.diverged = warnings > self._warnings
-        if self.diverged.any():
-            self.num_diverged += int(self.diverged.sum())
-            rows = self.diverged if ids is None else self.diverged[ids]
+        found = warnings > self._warnings
+        self.diverged = found if begins else self.diverged | found
+        if found.any():
+            self.num_diverged += int(found.sum())
+            rows = found if ids is None else found[ids]
             record[rows] = np.nan_to_num(record[rows], posinf=0.0, neginf=0.0)
-            self.batch.reset(np.flatnonzero(self.diverged))
-            self._warnings = np.where(self.diverged, 0, warnings)
+            self.batch.reset(np.flatnonzero(found))
+            self._warnings = np.where(found, 0, warnings)
+
+    def set_friction(self, friction: float) -> None:
+        """Give every pair of bodies this coefficient of sliding friction from now on."""
+        if self._friction is None:
+            self._friction = self.batch.expand("geom_friction")
+        self._friction[..., 0] = friction
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,9 @@ Quantities are in the world frame and in SI units unless their name says otherwi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 
@@ -40,9 +42,31 @@ class StepRecord:
         self.record = record
         self._layout = layout
 
-    def __getitem__(self, sensor: str) -> np.ndarray:
-        """The recorded values of one sensor of the MJCF file, by its name: (num_robots, num_ticks, size)."""
-        return self.record[..., self._layout[sensor]]
+    @classmethod
+    def join(cls, records: Sequence[StepRecord]) -> StepRecord:
+        """Copy records of the same robots, one after the other in time, into one."""
+        first = records[0]
+        return cls(first.robot, first._layout, np.concatenate([part.record for part in records], axis=1))
+
+    @overload
+    def __getitem__(self, key: str) -> np.ndarray: ...
+
+    @overload
+    def __getitem__(self, key: np.ndarray | slice) -> StepRecord: ...
+
+    def __getitem__(self, key: str | np.ndarray | slice) -> np.ndarray | StepRecord:
+        """The values (num_robots, num_ticks, size) of a sensor by its name, or the record of some of the robots."""
+        if isinstance(key, str):
+            return self.record[..., self._layout[key]]
+        return StepRecord(self.robot, self._layout, self.record[key])
+
+    def ticks(self, ticks: slice) -> StepRecord:
+        """The record of some of the ticks."""
+        return StepRecord(self.robot, self._layout, self.record[:, ticks])
+
+    def copy(self) -> StepRecord:
+        """The same record in memory of its own."""
+        return StepRecord(self.robot, self._layout, self.record.copy())
 
     def _joints(self, quantity: str) -> np.ndarray:
         names = self.robot.joint_names

@@ -14,7 +14,6 @@ from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
 from surefoot.evaluation.trials import Trial, TrialSource, draws, run_trials
-from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord, roll_pitch
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
 from surefoot.rendering.film import Recording
@@ -32,14 +31,12 @@ class Trace:
     Attributes:
         ticks: of one robot, (1, num_ticks, ...), from its reset to its verdict.
         begin: tick at which the disturbance began.
-        layout: of the ticks' record.
     """
 
     trial: Trial
     outcome: Outcome
     ticks: StepRecord
     begin: int
-    layout: dict[str, slice]
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -78,15 +75,11 @@ class Trace:
     def strategies(self) -> Strategies:
         """What the robot did, with the places of its steps, told from the ticks as in the trial itself."""
         watch, ids = StrategyWatch(self.ticks.robot, 1), np.array([0])
-        watch.reset(ids, self.part(slice(0, 1)))
+        watch.reset(ids, self.ticks.ticks(slice(0, 1)))
         for first in range(0, len(self.ticks), TICKS_PER_STEP):
             active = self.time[None, first : first + TICKS_PER_STEP] > -0.5 * CONTROL_DT
-            watch.update(ids, self.part(slice(first, first + TICKS_PER_STEP)), active)
+            watch.update(ids, self.ticks.ticks(slice(first, first + TICKS_PER_STEP)), active)
         return watch.strategies(0)
-
-    def part(self, ticks: slice) -> StepRecord:
-        """Some of the ticks."""
-        return StepRecord(self.ticks.robot, self.layout, self.ticks.record[:, ticks])
 
     def recording(self, policy_name: str) -> Recording:
         """As `surefoot.video` draws it."""
@@ -113,7 +106,7 @@ class _Recorder(TrialSource):
         self.trials = trials
         self._todo = iter(trials)
         self._outcomes: dict[Trial, Outcome] = {}
-        self._records: list[list[np.ndarray]] = [[] for _ in trials]
+        self._records: list[list[StepRecord]] = [[] for _ in trials]
 
     def next(self) -> Trial | None:
         return next(self._todo, None)
@@ -123,14 +116,12 @@ class _Recorder(TrialSource):
 
     def watch(self, slots: np.ndarray, ticks: StepRecord) -> None:
         for row, slot in enumerate(slots.tolist()):
-            self._records[slot].append(ticks.record[row].copy())
+            self._records[slot].append(ticks[row : row + 1].copy())
 
     def traces(self, robot: Robot) -> dict[Trial, Trace]:
-        layout = MujocoEngine(robot, 1, num_threads=1).layout
         found = {}
         for trial, records in zip(self.trials, self._records, strict=True):
-            ticks = StepRecord(robot, layout, np.concatenate(records)[None])
             _, begin = draws(trial, robot.num_joints)
             begin += round(min(push.start for push in trial.pushes) * CONTROL_HZ)
-            found[trial] = Trace(trial, self._outcomes[trial], ticks, begin, layout)
+            found[trial] = Trace(trial, self._outcomes[trial], StepRecord.join(records), begin)
         return found

@@ -120,12 +120,15 @@ class ControlLoop:
         if imperfect is not None:
             goal[imperfect] = self._action_noise.add(self._ids(rows, imperfect), goal[imperfect])
         goal = np.clip(goal, self.robot.joint_lower, self.robot.joint_upper)
-        path = cubic_path(self._target[rows], goal, TICKS_PER_STEP, self.engine.joint_targets if everyone else None)
+        targets = self.engine.joint_targets
+        path = cubic_path(self._target[rows], goal, TICKS_PER_STEP, targets if everyone else None)
         if imperfect is not None:
             path[imperfect] = self._delay(self._ids(rows, imperfect), path[imperfect])
+        if not everyone:
+            targets[rows] = path
         self._target[rows] = goal
         self._write_pushes()
-        ticks = self.engine.step(None if everyone else path, ids)
+        ticks = self.engine.step(ids)
         self._filter(observation.blocks(ticks), rows)
         if imperfect is not None:
             self._filter_errors(self._ids(rows, imperfect))

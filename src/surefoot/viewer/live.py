@@ -53,7 +53,7 @@ class History:
     def add(self, session: Session, robot: int) -> None:
         """Remember the last tick of the session's last step, and the torques of all of it."""
         ticks = session.ticks
-        one = StepRecord(session.robot, session.loop.engine.layout, ticks.record[robot : robot + 1, -1:])
+        one = ticks[robot : robot + 1].ticks(slice(-1, None))
         center, forward = one.sole_position[0, 0, :, :2].mean(axis=0), one.heading[0, 0]
 
         def ahead(points: np.ndarray) -> np.ndarray:

@@ -73,7 +73,6 @@ class Session:
         self._begin = np.full(num_robots, _NEVER)
         self._told = [""] * num_robots
         self._rng = np.random.default_rng(seed)
-        self._geom_friction: np.ndarray | None = None
         self._pulls: dict[int, tuple[int, np.ndarray]] = {}
         self.ticks = self.reset()
 
@@ -139,10 +138,8 @@ class Session:
 
     def set_friction(self, friction: float) -> None:
         """Sliding friction coefficient between every two bodies."""
-        if self._geom_friction is None:
-            self._geom_friction = self.loop.engine.batch.expand("geom_friction")
         self.friction = friction
-        self._geom_friction[..., 0] = friction
+        self.loop.engine.set_friction(friction)
 
     # What time does.
 
@@ -206,8 +203,7 @@ class Session:
         if len(recovered):
             for robot in recovered.tolist():
                 self._told[robot] = _words(self._watch, robot) or "without any strategy worth a name"
-            last = StepRecord(self.robot, self.loop.engine.layout, self.ticks.record[recovered, -1:])
-            self._watch.reset(recovered, last)
+            self._watch.reset(recovered, self.ticks[recovered].ticks(slice(-1, None)))
             self._begin[recovered] = _NEVER
 
     def _hold(self) -> None:

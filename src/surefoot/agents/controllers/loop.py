@@ -49,11 +49,11 @@ class ControllerLoop(ControlLoop):
         super().__init__(robot, num_robots, np.array(contestant.contract.nominal_pose), 1.0, num_threads, domain)
         self._errors = LowPass(num_robots, len(self._scales), self._block, CONTROL_HZ)
         self._delay = Delay(num_robots, TICKS_PER_STEP, robot.num_joints)
-        self._seen = np.zeros((num_robots, self.engine.model.nsensordata))
+        self._seen = self.engine.read(np.arange(num_robots))
 
     def begin(self, ids: np.ndarray) -> None:
         """Robots `ids` (n,) begin a trial, right after their reset."""
-        self._seen[ids] = self.engine.read(ids).record[:, 0]
+        self._seen.record[ids] = self.engine.read(ids).record
         for robot in ids.tolist():
             self.failed.pop(robot, None)
         self._guard(lambda robots: self.controller.reset(robots), ids)
@@ -66,11 +66,12 @@ class ControllerLoop(ControlLoop):
         """
         self._write_pushes()
         shake = self._action_noise.add(ids, np.zeros((len(ids), self.robot.num_joints)))
-        ended = np.zeros(self.engine.num_robots, bool)
-        record = self.engine.record(len(ids))
+        parts = []
         for first in range(0, TICKS_PER_STEP, self._block):
             ticks = slice(first, first + self._block)
-            driven = np.array([not ended[i] and i not in self.failed for i in ids.tolist()], bool)
+            driven = np.array(
+                [(first == 0 or not self.engine.diverged[i]) and i not in self.failed for i in ids.tolist()], bool
+            )
             goal = self._target[ids]
             if driven.any():
                 goal[driven] = self._goals(self._state(ids[driven]), ids[driven])
@@ -78,13 +79,11 @@ class ControllerLoop(ControlLoop):
             self._target[ids] = goal
             path = self._delay(ids, path + shake[:, None])
             self.engine.joint_targets[ids, ticks] = path
-            record[:, ticks] = self.engine.advance_some(ids, ticks)
-            ended |= self.engine.diverged
-            self._seen[ids] = record[:, ticks.stop - 1]
+            parts.append(self.engine.step(ids, ticks))
+            self._seen.record[ids] = parts[-1].record[:, -1:]
             self._see_errors(ids)
             self.tick[ids] += self._block
-        self.engine.diverged = ended
-        return StepRecord(self.robot, self.engine.layout, record)
+        return StepRecord.join(parts)
 
     def _path(self, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Motor targets over a control step: (n, block, num_joints)."""
@@ -153,7 +152,7 @@ class ControllerLoop(ControlLoop):
             self._errors([self._observation_noise.add(imperfect, bias)], imperfect)
 
     def _state(self, ids: np.ndarray) -> State:
-        ticks = StepRecord(self.robot, self.engine.layout, self._seen[ids, None])
+        ticks = self._seen[ids]
         vector = observation.observe(ticks)[:, 0]
         if self.imperfect[ids].any():
             vector = vector + self._errors.output[ids]
