@@ -20,9 +20,11 @@ from surefoot.cli.video import Picture, Video, push_trial, scenario_trial
 from surefoot.errors import UserError
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.physics.pushes import Drop, horizontal_push
-from surefoot.rendering import renderer as scene
-from surefoot.rendering.film import draw_moment, record, trial_words
+from surefoot.rendering.film import draw_moment
+from surefoot.rendering.opengl import gl_backend
+from surefoot.rendering.recording import record
 from surefoot.rendering.renderer import Renderer
+from surefoot.rendering.words import trial_words
 from surefoot.viewer.clip import SIZE, ClipRecorder, save_clip
 from surefoot.viewer.session import Session
 
@@ -30,7 +32,7 @@ from surefoot.viewer.session import Session
 @pytest.fixture(scope="module")
 def needs_opengl() -> None:
     try:
-        scene.gl_backend()
+        gl_backend()
     except UserError as error:
         pytest.skip(str(error))
 

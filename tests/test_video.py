@@ -15,9 +15,14 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.physics.pushes import Push
-from surefoot.rendering import renderer as scene_module
-from surefoot.rendering.film import Recording, filmstrip, frames, push_words, record, save_picture, save_video
-from surefoot.rendering.renderer import Moment, Renderer
+from surefoot.rendering.film import frames, save_video
+from surefoot.rendering.image_files import save_picture
+from surefoot.rendering.moment import Moment
+from surefoot.rendering.opengl import gl_backend
+from surefoot.rendering.recording import Recording, record
+from surefoot.rendering.renderer import Renderer
+from surefoot.rendering.strip import filmstrip
+from surefoot.rendering.words import push_words
 
 FALL = Trial(Push(impulse=240.0), seed=3)
 STAY = Trial(Push(impulse=24.0), seed=3, whole=False)
@@ -38,7 +43,7 @@ def stay() -> Recording:
 @pytest.fixture(scope="module")
 def needs_opengl() -> None:
     try:
-        scene_module.gl_backend()
+        gl_backend()
     except UserError as error:
         pytest.skip(str(error))
 
@@ -287,15 +292,15 @@ def test_what_cannot_be_written_is_named_before_anything_is_drawn(tmp_path, fall
 
 @pytest.fixture
 def fresh_choice():
-    scene_module.gl_backend.cache_clear()
+    gl_backend.cache_clear()
     yield
-    scene_module.gl_backend.cache_clear()
+    gl_backend.cache_clear()
 
 
 def test_the_wish_in_mujoco_gl_is_respected(fresh_choice, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
     try:
-        answer = scene_module.gl_backend()
+        answer = gl_backend()
     except UserError as error:
         answer = str(error)
     assert answer == "osmesa" or "MUJOCO_GL=osmesa" in answer

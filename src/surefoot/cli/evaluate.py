@@ -105,14 +105,17 @@ class Replay:
     def _show(self, policy: Policy | ControllerAgent, trial: Trial, output: Console) -> None:
         if not (self.video or self.picture):
             return
-        from surefoot.rendering import film as video
+        from surefoot.rendering.film import save_video
+        from surefoot.rendering.image_files import save_picture
+        from surefoot.rendering.recording import record
+        from surefoot.rendering.strip import filmstrip
 
-        recording = video.record(policy, trial)
+        recording = record(policy, trial)
         if self.video:
-            video.save_video(self.video, recording)
+            save_video(self.video, recording)
             output.print(f"video: {self.video}")
         if self.picture:
-            video.save_picture(self.picture, video.filmstrip([recording]))
+            save_picture(self.picture, filmstrip([recording]))
             output.print(f"picture: {self.picture}")
 
 

@@ -105,13 +105,15 @@ class Video(_Shown):
     """Width and height in pixels."""
 
     def main(self) -> None:
-        from surefoot.rendering import film as video
+        from surefoot.rendering.film import save_video
+        from surefoot.rendering.image_files import check_film
+        from surefoot.rendering.recording import record
 
-        video.check_film(self.out, self.size)
+        check_film(self.out, self.size)
         trial = self.trial(self.impulse)
         with console.status(f"filming {self.out}"):
-            recording = video.record(named_policy(self.policy), trial)
-            video.save_video(self.out, recording, self.fps, self.size, begin=self.begin, end=self.end, speed=self.speed)
+            recording = record(named_policy(self.policy), trial)
+            save_video(self.out, recording, self.fps, self.size, begin=self.begin, end=self.end, speed=self.speed)
         console.print(f"film: {self.out} ({recording.outcome.reason})", soft_wrap=True)
 
 
@@ -129,19 +131,22 @@ class Picture(_Shown):
     """Width and height of each picture in pixels."""
 
     def main(self) -> None:
-        from surefoot.rendering import film as video
+        from surefoot.rendering.film import draw_moment
+        from surefoot.rendering.image_files import check_picture, save_picture
+        from surefoot.rendering.recording import record
         from surefoot.rendering.renderer import Renderer
+        from surefoot.rendering.strip import filmstrip
 
-        video.check_picture(self.out)
+        check_picture(self.out)
         trials = [self.trial(size) for size in self.impulse]
         with console.status(f"drawing {self.out}"):
-            recordings = [video.record(named_policy(self.policy), trial) for trial in trials]
+            recordings = [record(named_policy(self.policy), trial) for trial in trials]
             if len(recordings) == len(self.times) == 1:
                 with Renderer(recordings[0].robot, *self.size, trials[0].domain) as scene:
-                    image = video.draw_moment(scene, trials[0], recordings[0].at(self.times[0]))
+                    image = draw_moment(scene, trials[0], recordings[0].at(self.times[0]))
             else:
-                image = video.filmstrip(recordings, self.times, self.size)
-            video.save_picture(self.out, image)
+                image = filmstrip(recordings, self.times, self.size)
+            save_picture(self.out, image)
         console.print(f"picture: {self.out} ({', '.join(r.outcome.reason for r in recordings)})", soft_wrap=True)
 
 

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
-import os
-import platform
-import subprocess
-import sys
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -17,15 +11,25 @@ import numpy as np
 from surefoot.errors import UserError
 from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.physics.pushes import Push
-from surefoot.physics.step_record import StepRecord
+from surefoot.rendering.framing import scale_of, visible_geoms
+from surefoot.rendering.moment import Moment
+from surefoot.rendering.opengl import gl_backend
 from surefoot.robots.robot import FLOOR, Robot
 
-_AFTERGLOW = 0.3
-"""A push stays in the picture for so long after its end [s]."""
-_FORCE_LENGTH = 0.36e-3
-"""Length of arrows [m/N]."""
+LARGEST = (1920, 1080)
+"""Width and height of the largest picture [pixels]."""
+
+# Lengths are for a robot of `framing.REFERENCE_HEIGHT` [m].
+_LOOK_AT_HEIGHT, _ABOVE_LOOK_AT, _DISTANCE = 0.88, 0.25, 3.1
+"""The camera looks at the middle of a standing robot, so far below its CoM when it flies, from so far away."""
+_FORCE_LENGTH = 0.485
+"""Length of the arrow of a force that equals the robot's weight."""
 _BODY_RADIUS = 0.13
-"""A push's arrow ends so far from the CoM of the pushed body [m]."""
+"""A push's arrow ends so far from the CoM of the pushed body."""
+_LEAST_FORCE = 0.001
+"""Foot forces below this share of the robot's weight are not drawn."""
+_AFTERGLOW = 0.3
+"""A push stays in the picture for this time after its end [s]."""
 _NEARER = 0.5
 """Marks inside the robot are drawn at this share of their distance from the eye, so that nothing hides them."""
 
@@ -46,54 +50,6 @@ LEGEND = (
 """What the marks mean: word and colour (red, green, blue, opacity)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Moment:
-    """One instant of a robot, as much as a picture shows of it; world frame.
-
-    Attributes:
-        time: since the beginning of the push [s].
-        qpos: in MuJoCo's order (nq,).
-        com_position: (3,) [m].
-        capture_point: (2,) [m].
-        support_polygon: its corners, counter-clockwise (num_corners, 2) [m]; empty in the air.
-        foot_force: normal force of the ground on the left and right foot (2,) [N].
-        foot_pressure_point: where these forces act (2, 3) [m].
-    """
-
-    time: float
-    qpos: np.ndarray
-    com_position: np.ndarray
-    capture_point: np.ndarray
-    support_polygon: np.ndarray
-    foot_force: np.ndarray
-    foot_pressure_point: np.ndarray
-
-    @classmethod
-    def of(cls, ticks: StepRecord, robot: int = 0, tick: int = -1, time: float = 0.0) -> Moment:
-        """One tick of one of the robots."""
-        # A contact sensor's last three values are the pressure point.
-        points = [ticks[f"{side}_foot_contact"][robot, tick, -3:] for side in ("left", "right")]
-        root = [ticks[f"root_{part}"][robot, tick] for part in ("position", "orientation")]
-        return cls(
-            time=time,
-            qpos=np.concatenate([*root, ticks.joint_position[robot, tick]]),
-            com_position=ticks.com_position[robot, tick].copy(),
-            capture_point=ticks.capture_point[robot, tick].copy(),
-            support_polygon=ticks.support_polygon(robot, tick),
-            foot_force=ticks.foot_force[robot, tick].copy(),
-            foot_pressure_point=np.array(points),
-        )
-
-    @property
-    def is_captured(self) -> bool:
-        """Does the capture point lie inside the support polygon?"""
-        corners = self.support_polygon
-        if len(corners) < 3:
-            return False
-        edge, point = np.roll(corners, -1, axis=0) - corners, self.capture_point - corners
-        return bool((edge[:, 0] * point[:, 1] >= edge[:, 1] * point[:, 0]).all())
-
-
 class Renderer:
     """An offscreen picture of a robot with its push, CoM, capture point, support polygon and foot forces.
 
@@ -106,14 +62,16 @@ class Renderer:
     """
 
     def __init__(self, robot: Robot, width: int = 640, height: int = 480, domain: DomainParameters = NOMINAL_DOMAIN):
+        if not (0 < width <= LARGEST[0] and 0 < height <= LARGEST[1]):
+            raise UserError(f"cannot draw {width} x {height} pixels; valid: up to {LARGEST[0]} x {LARGEST[1]}")
         self.robot = robot
+        self._scale = scale_of(robot)
+        self._force_length = self._scale * _FORCE_LENGTH / robot.weight  # [m/N]
         self._model = robot.model(domain, visual=True)
-        largest = self._model.vis.global_.offwidth, self._model.vis.global_.offheight
-        if not (0 < width <= largest[0] and 0 < height <= largest[1]):
-            raise UserError(f"cannot draw {width} x {height} pixels; valid: up to {largest[0]} x {largest[1]}")
+        self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._data = mujoco.MjData(self._model)
-        self._option = mujoco.MjvOption()
+        self._option = _shown_groups(self._model)
         self._camera = mujoco.MjvCamera()
         self._scene = mujoco.MjvScene(self._model, maxgeom=500)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
@@ -133,9 +91,9 @@ class Renderer:
         mujoco.mj_forward(self._model, self._data)
         lateral = push is not None and abs(push.direction[1]) > abs(push.direction[0])
         self._camera.azimuth, self._camera.elevation = _SIGHT["lateral" if lateral else "sagittal"]
-        # The height of a standing robot's middle; higher only when it flies.
-        self._camera.lookat = [*moment.com_position[:2], max(0.88, moment.com_position[2] - 0.25)]
-        self._camera.distance = 3.1
+        height = max(self._scale * _LOOK_AT_HEIGHT, moment.com_position[2] - self._scale * _ABOVE_LOOK_AT)
+        self._camera.lookat = [*moment.com_position[:2], height]
+        self._camera.distance = self._scale * _DISTANCE
         # First, because mjv_updateScene puts the headlight where the camera was before.
         mujoco.mjv_updateCamera(self._model, self._data, self._camera, self._scene)
         mujoco.mjv_updateScene(
@@ -156,9 +114,11 @@ class Renderer:
             self._gl = None
 
     def __enter__(self) -> Renderer:
+        """Enter a block whose end closes the renderer."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Close the renderer."""
         self.close()
 
     def _render(self) -> np.ndarray:
@@ -169,7 +129,8 @@ class Renderer:
         return pixels[::-1].copy()
 
     def _mark_ground(self, moment: Moment) -> None:
-        corners = np.column_stack([moment.support_polygon, self._ground(moment.support_polygon) + 0.004])
+        raised = self._ground(moment.support_polygon) + 0.004 * self._scale
+        corners = np.column_stack([moment.support_polygon, raised])
         for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             self._connect(mujoco.mjtGeom.mjGEOM_CAPSULE, 0.006, a, b, _SUPPORT)
         capture_color = _CAPTURED if moment.is_captured else _ESCAPED
@@ -177,34 +138,36 @@ class Renderer:
         discs = ((moment.capture_point, 0.045, 0.010, capture_color), (moment.com_position[:2], 0.028, 0.016, _COM))
         for center, radius, top, color in discs:
             ground = self._ground(center)
-            low, high = [*center, ground], [*center, ground + top]
+            low, high = [*center, ground], [*center, ground + top * self._scale]
             self._connect(mujoco.mjtGeom.mjGEOM_CYLINDER, radius, low, high, color, nearer=True)
 
     def _ground(self, points: np.ndarray) -> np.ndarray:
         """Height of the floor (...) [m] at points (..., 2)."""
         floor = self._data.geom(FLOOR)
         normal = floor.xmat[2::3]
-        return floor.xpos[2] - (np.asarray(points) - floor.xpos[:2]) @ normal[:2] / normal[2]
+        heights: np.ndarray = floor.xpos[2] - (np.asarray(points) - floor.xpos[:2]) @ normal[:2] / normal[2]
+        return heights
 
     def _mark_robot(self, moment: Moment) -> None:
         com = moment.com_position
         self._connect(mujoco.mjtGeom.mjGEOM_CAPSULE, 0.04, com, com + [0, 0, 1e-3], _COM, nearer=True)
         for force, point in zip(moment.foot_force, moment.foot_pressure_point, strict=True):
-            if force > 1.0:
-                tip = point + [0, 0, force * _FORCE_LENGTH]
+            if force > _LEAST_FORCE * self.robot.weight:
+                tip = point + [0, 0, force * self._force_length]
                 self._connect(mujoco.mjtGeom.mjGEOM_ARROW, 0.012, point, tip, _FORCE, nearer=True)
 
     def _mark_push(self, push: Push, color: tuple[float, ...]) -> None:
         direction = np.array(push.direction)
-        tip = self._data.xipos[self.robot.body_id(push.body)] - _BODY_RADIUS * direction
-        tail = tip - direction * push.impulse / push.duration * _FORCE_LENGTH
+        tip = self._data.xipos[self.robot.body_id(push.body)] - _BODY_RADIUS * self._scale * direction
+        tail = tip - direction * push.impulse / push.duration * self._force_length
         self._connect(mujoco.mjtGeom.mjGEOM_ARROW, 0.035, tail, tip, color, nearer=True)
 
     def _connect(
         self, kind: mujoco.mjtGeom, width: float, start: Any, end: Any, color: tuple[float, ...], nearer: bool = False
     ) -> None:
-        """Add a shape from `start` to `end` (3,) to the scene."""
+        """Add a shape from `start` to `end` (3,) to the scene; `width` is for a robot of `REFERENCE_HEIGHT`."""
         start, end = np.asarray(start, float), np.asarray(end, float)
+        width *= self._scale
         if nearer:
             # Shrinking towards the eye changes what hides the shape, not how it looks.
             eye = np.mean([camera.pos for camera in self._scene.camera], axis=0)
@@ -218,24 +181,9 @@ class Renderer:
         self._scene.ngeom += 1
 
 
-@functools.cache
-def gl_backend() -> str:
-    """The OpenGL that draws without a window: MUJOCO_GL if it is set, else the first that works.
-
-    Raises:
-        UserError: none works.
-    """
-    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
-    usual = {"Linux": ("egl", "osmesa", "glfw"), "Darwin": ("cgl", "glfw")}.get(platform.system(), ("glfw",))
-    # Tried in another process: a backend that fails leaves PyOpenGL unfit for the next one.
-    attempt = (
-        "import mujoco; from mujoco.{} import GLContext; context = GLContext(8, 8); context.make_current();"
-        "mujoco.MjrContext(mujoco.MjModel.from_xml_string('<mujoco/>'), 100)"
-    )
-    candidates = (wanted,) if wanted in usual else usual
-    for backend in candidates:
-        command = [sys.executable, "-c", attempt.format(backend)]
-        if subprocess.run(command, capture_output=True, check=False).returncode == 0:
-            return backend
-    tried = f"MUJOCO_GL={wanted}" if wanted in usual else ", ".join(candidates)
-    raise UserError(f"no OpenGL to draw with ({tried}); try: apt install libegl1 libgl1 (or libosmesa6)")
+def _shown_groups(model: mujoco.MjModel) -> mujoco.MjvOption:
+    """Show the groups of the robot's visible geoms and of all that belongs to the world."""
+    option = mujoco.MjvOption()
+    shown = np.union1d(model.geom_group[visible_geoms(model)], model.geom_group[model.geom_bodyid == 0])
+    option.geomgroup[:] = np.isin(np.arange(len(option.geomgroup)), shown)
+    return option

@@ -23,7 +23,8 @@ from surefoot.errors import UserError
 from surefoot.evaluation.replay import differences
 from surefoot.evaluation.scenarios import SINGLE
 from surefoot.evaluation.trials import Trial
-from surefoot.rendering import film as video
+from surefoot.rendering.strip import filmstrip
+from surefoot.rendering.words import push_words
 from surefoot.report import paper, plots, result_pictures, tables
 from surefoot.report import trial_plots as drawings
 from surefoot.report.evaluations import LARGEST, SHANK, Evaluation
@@ -172,7 +173,7 @@ def _success_map(e: Evaluation) -> Figure:
 
 
 def _motion(e: Evaluation, traces: Mapping[str, Trace]) -> Figure:
-    words = {name: video.push_words(trace.trial.push) for name, trace in traces.items()}
+    words = {name: push_words(trace.trial.push) for name, trace in traces.items()}
     named = {words[name]: trace for name, trace in traces.items()}
     ends = "; ".join(f"{words[name]}: {_end(trace)}" for name, trace in traces.items())
     header = ["push", "time [s]", "CoM x [m]", "CoM y [m]", "root roll [deg]", "root pitch [deg]"]
@@ -200,7 +201,7 @@ def _footprints(e: Evaluation, trace: Trace) -> Figure:
     return Figure(
         "footprints",
         "The largest sagittal push from above",
-        f"{video.push_words(trace.trial.push)}: {_end(trace)}. Dashed soles: where the feet stood; numbers: the steps"
+        f"{push_words(trace.trial.push)}: {_end(trace)}. Dashed soles: where the feet stood; numbers: the steps"
         " in their order. The paper's figure 5, c.",
         [["step", "foot", "landing [s]", "x [m]", "y [m]", "length [m]"], *steps],
         wide=True,
@@ -216,7 +217,7 @@ def _support_foot(e: Evaluation, trace: Trace) -> Figure:
     return Figure(
         "support-foot",
         "Feet after a push at the shank",
-        f"{video.push_words(trace.trial.push)}: {_end(trace)}. Height of the soles' centres and their tilt. The paper's"
+        f"{push_words(trace.trial.push)}: {_end(trace)}. Height of the soles' centres and their tilt. The paper's"
         " figure 6, b.",
         [header, *np.round(np.column_stack(columns)[:: 2 * STRIDE], 4).tolist()],
         wide=True,
@@ -232,9 +233,9 @@ def _film_strip(e: Evaluation, traces: Mapping[str, Trace]) -> Figure:
     for name in (*SINGLE, LARGEST, SHANK):
         if name in traces:  # the largest sagittal push may be one of the paper's
             shown.setdefault(traces[name].trial, name)
-    strip = video.filmstrip([traces[name].recording(e.name) for name in shown.values()])
+    strip = filmstrip([traces[name].recording(e.name) for name in shown.values()])
     rows = [
-        [name, video.push_words(c.trial.push), c.trial.seed, c.outcome.reason, c.outcome.seconds, c.outcome.steps]
+        [name, push_words(c.trial.push), c.trial.seed, c.outcome.reason, c.outcome.seconds, c.outcome.steps]
         for name, c in ((name, e.cases[name]) for name in shown.values())
     ]
     return Figure(

@@ -9,7 +9,9 @@ import numpy as np
 
 from surefoot.agents.agent import Policy
 from surefoot.evaluation.threshold_search import Threshold
-from surefoot.rendering import film as video
+from surefoot.rendering.image_files import save_picture
+from surefoot.rendering.recording import record
+from surefoot.rendering.strip import filmstrip
 from surefoot.report import paper, plots, tables
 from surefoot.robots.robot import Robot
 
@@ -49,8 +51,8 @@ def draw_strip(policy: Policy, thresholds: Sequence[Threshold], path: Path) -> P
     too_much = max(pushes.values(), key=lambda t: t.size)
     trials = [t.line.trial(round(t.size / t.line.grid), STRIP_SEED, whole=True) for t in (forward, left)]
     trials.append(too_much.line.trial(round(1.5 * too_much.size / too_much.line.grid) + 5, STRIP_SEED, whole=True))
-    recordings = [video.record(policy, trial) for trial in trials]
-    video.save_picture(path, video.filmstrip(recordings))
+    recordings = [record(policy, trial) for trial in trials]
+    save_picture(path, filmstrip(recordings))
     return path
 
 

@@ -16,8 +16,8 @@ from surefoot.evaluation.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies,
 from surefoot.evaluation.trials import Trial, TrialSource, draws, run_trials
 from surefoot.physics.step_record import StepRecord, roll_pitch
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
-from surefoot.rendering.film import Recording
-from surefoot.rendering.renderer import Moment
+from surefoot.rendering.moment import Moment
+from surefoot.rendering.recording import Recording
 from surefoot.robots.robot import FLOOR, Robot, load_robot
 
 STRIDE = 10

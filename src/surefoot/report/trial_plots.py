@@ -19,7 +19,7 @@ from matplotlib.ticker import PercentFormatter
 from surefoot.evaluation.scenarios import Line
 from surefoot.evaluation.strategies import Step
 from surefoot.evaluation.threshold_search import Threshold
-from surefoot.rendering.film import push_words
+from surefoot.rendering.words import push_words
 from surefoot.report.evaluations import Cell
 from surefoot.report.plots import GREY, INK, Point, closed, draw_bound, drawing, style_polar
 from surefoot.report.traces import STRIDE, Trace

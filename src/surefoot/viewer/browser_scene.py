@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from surefoot.physics.step_record import StepRecord
-from surefoot.rendering.renderer import Moment
+from surefoot.rendering.moment import Moment
 from surefoot.robots.robot import Robot
 from surefoot.viewer.body_meshes import body_glbs, visual_model
 from surefoot.viewer.session import Session

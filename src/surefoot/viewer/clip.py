@@ -13,8 +13,9 @@ import numpy as np
 from surefoot.errors import UserError
 from surefoot.physics.pushes import Push
 from surefoot.rates import POLICY_DT, POLICY_HZ
-from surefoot.rendering.film import write_film
-from surefoot.rendering.renderer import Moment, Renderer
+from surefoot.rendering.image_files import write_film
+from surefoot.rendering.moment import Moment
+from surefoot.rendering.renderer import Renderer
 from surefoot.robots.robot import Robot
 from surefoot.viewer.session import Session
 

@@ -1,0 +1,46 @@
+"""Framing: how large a robot is, so that cameras, marks and distances fit a robot of any size."""
+
+from __future__ import annotations
+
+import functools
+
+import mujoco
+import numpy as np
+
+from surefoot.robots.robot import Robot
+
+REFERENCE_HEIGHT = 1.9
+"""The lengths in pictures and on the live page are chosen for a robot of this height [m]."""
+_HIDDEN_GROUP = 3
+"""MuJoCo's convention: geoms of this group and the following ones are not looked at."""
+_VISUAL_GROUP = 2
+"""MuJoCo's convention: geoms of this group are only looked at."""
+
+
+@functools.cache
+def scale_of(robot: Robot) -> float:
+    """The robot's height in its first pose over `REFERENCE_HEIGHT`."""
+    model = robot.model(visual=True)
+    data = mujoco.MjData(model)
+    data.qpos[7:] = next(iter(robot.poses.values()))
+    mujoco.mj_kinematics(model, data)
+    geoms = np.flatnonzero(model.geom_bodyid > 0)
+    rotation = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    center, half_size = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
+    height = data.geom_xpos[geoms, 2] + np.einsum("gi,gi->g", rotation[:, 2], center)
+    reach = np.einsum("gi,gi->g", np.abs(rotation[:, 2]), half_size)
+    return float((height + reach).max() - (height - reach).min()) / REFERENCE_HEIGHT
+
+
+def visible_geoms(model: mujoco.MjModel) -> np.ndarray:
+    """Ids of the geoms that show the robot, (num_geoms,).
+
+    They are those of group 2, the visual group. A model without any shows what is not hidden, which is what is in
+    groups 0 and 1; one that hides everything shows all of it.
+    """
+    of_robot = model.geom_bodyid > 0
+    is_visual, is_shown = model.geom_group == _VISUAL_GROUP, model.geom_group < _HIDDEN_GROUP
+    for chosen in (of_robot & is_visual, of_robot & is_shown):
+        if chosen.any():
+            return np.flatnonzero(chosen)
+    return np.flatnonzero(of_robot)
