@@ -16,7 +16,8 @@ import pytest
 from PIL import Image
 
 from surefoot.agents.nominal import NominalAgent
-from surefoot.cli.video import Picture, Video, push_trial, scenario_trial
+from surefoot.cli.shown_trial import push_trial, scenario_trial
+from surefoot.cli.video import Picture, Video
 from surefoot.errors import UserError
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.physics.pushes import Drop, horizontal_push

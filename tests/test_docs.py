@@ -11,7 +11,7 @@ from surefoot.agents.controllers import shipped_controllers
 from surefoot.agents.load import load_policy, shipped_policies
 from surefoot.cli.benchmarks import run_bench
 from surefoot.cli.main import main
-from surefoot.cli.video import DIRECTIONS
+from surefoot.cli.shown_trial import DIRECTIONS
 from surefoot.evaluation.evaluate import push_lines
 from surefoot.evaluation.results import read_thresholds
 from surefoot.evaluation.scenarios import PAPER

@@ -1,26 +1,22 @@
-"""Commands that test: evaluate, replay, table, bench."""
+"""surefoot evaluate: find how hard a push a policy or a controller survives."""
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
 from rich.console import Console
 
-from surefoot.cli.terminal import check_positive, console, evaluation_bar, needs_torch, results_console, write_json
+from surefoot.cli.terminal import evaluation_bar, results_console, write_json
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
-    from surefoot.agents.agent import Policy
-    from surefoot.agents.controllers.controller import ControllerAgent
     from surefoot.evaluation.scenarios import Scenario
-    from surefoot.evaluation.trials import Trial
 
 
 @dataclass(frozen=True)
@@ -59,114 +55,6 @@ class Evaluate:
         if self.export:
             with Results(self.results) as results:
                 results.export("trials", self.export)
-        if self.json:
-            write_json(figures, self.json)
-
-
-@dataclass(frozen=True)
-class Replay:
-    """Run one trial of a results table again, bit for bit, and compare its outcome with the stored one.
-
-    Exit code 1 if anything differs. The same bits are promised on the same kind of machine: another processor may
-    round otherwise.
-    """
-
-    results: Annotated[Path, tyro.conf.Positional]
-    """Results table (SQLite) of `surefoot evaluate`."""
-    row: Annotated[int, tyro.conf.Positional]
-    """Column `id` of its table `trials`; `surefoot evaluate --export` writes it out."""
-    policy: str | None = None
-    """A shipped policy, a policy file, a run folder or a controller; without it, the policy is looked for by its digest
-    among the shipped ones and in runs/, a controller by its name."""
-    video: Path | None = None
-    """Film of the trial, .mp4 or .gif."""
-    picture: Path | None = None
-    """Film strip of the trial, .png or .jpg."""
-
-    def main(self) -> None:
-        from surefoot.evaluation import replay
-        from surefoot.evaluation.results import open_results
-
-        with open_results(self.results) as results:
-            row = results.row(self.row)
-        policy = replay.find_policy(row.policy_name, row.policy, self.policy)
-        replay.check_setup(row.setup, policy.contract.robot, f"row {self.row} of {self.results}")
-        outcome = replay.replay(row, policy)
-        found = replay.differences(row.outcome, outcome)
-        output = Console(soft_wrap=True, highlight=False, markup=False)
-        output.print(f"{row.policy_name}, {row.scenario}, row {self.row}: {outcome.reason}, {outcome.seconds:.2f} s")
-        for name, old, new in found:
-            output.print(f"  {name}: stored {old}, now {new}")
-        output.print("different" if found else "identical")
-        self._show(policy, row.trial, output)
-        if found:
-            sys.exit(1)
-
-    def _show(self, policy: Policy | ControllerAgent, trial: Trial, output: Console) -> None:
-        if not (self.video or self.picture):
-            return
-        from surefoot.rendering.film import save_video
-        from surefoot.rendering.image_files import save_picture
-        from surefoot.rendering.recording import record
-        from surefoot.rendering.strip import filmstrip
-
-        recording = record(policy, trial)
-        if self.video:
-            save_video(self.video, recording)
-            output.print(f"video: {self.video}")
-        if self.picture:
-            save_picture(self.picture, filmstrip([recording]))
-            output.print(f"picture: {self.picture}")
-
-
-@dataclass(frozen=True)
-class Table:
-    """Print a table of exported thresholds, for a terminal or a page."""
-
-    thresholds: Annotated[Path, tyro.conf.Positional]
-    """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
-    show: Literal["main", "worst", "seeds"] = "main"
-    """main: Table I beside the paper's. worst: the worst direction of every scenario. seeds: median and range over the
-    policies that one algorithm learned, which are named ALGORITHM-SEED."""
-    markdown: bool = False
-    """As Markdown instead of a drawn table."""
-
-    def main(self) -> None:
-        from surefoot.evaluation.results import read_thresholds
-        from surefoot.report import tables
-        from surefoot.robots.robot import load_robot
-
-        policies = read_thresholds(self.thresholds)
-        if self.show == "seeds":
-            table = tables.seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
-        elif self.show == "worst":
-            table = tables.worst_table(policies)
-        else:
-            table = tables.table_1(policies, load_robot())
-        if self.markdown:
-            sys.stdout.write(table.markdown())
-        else:
-            Console().print(table.rich())
-
-
-@dataclass(frozen=True)
-class Bench:
-    """Measure the speed of every layer, as ratios in one run."""
-
-    seconds: float = 20.0
-    """Time for each ratio."""
-    json: str | None = None
-    """Write the figures as one flat JSON object to this file; - for standard output."""
-
-    def main(self) -> None:
-        check_positive("seconds", self.seconds)
-        with needs_torch():
-            import torch  # noqa: F401
-        from surefoot.cli.benchmarks import bench_table, run_bench
-
-        with console.status("measuring") as status:
-            figures = run_bench(self.seconds, lambda stage: status.update(f"measuring {stage}"))
-        results_console(self.json).print(bench_table(figures))
         if self.json:
             write_json(figures, self.json)
 

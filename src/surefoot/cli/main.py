@@ -8,11 +8,17 @@ from typing import Any
 
 import tyro
 
-from surefoot.cli.evaluate import Bench, Evaluate, Replay, Table
-from surefoot.cli.report import Demo, Pictures, Report
+from surefoot.cli.bench import Bench
+from surefoot.cli.demo import Demo
+from surefoot.cli.evaluate import Evaluate
+from surefoot.cli.old_words import renewed
+from surefoot.cli.play import Play
+from surefoot.cli.replay import Replay
+from surefoot.cli.report import Pictures, Report, Table
+from surefoot.cli.reproduce import Reproduce
 from surefoot.cli.terminal import console
-from surefoot.cli.train import Ablate, Reproduce, Select, Train
-from surefoot.cli.video import Picture, Play, Video
+from surefoot.cli.train import Ablate, Select, Train
+from surefoot.cli.video import Picture, Video
 from surefoot.errors import UserError
 
 COMMANDS: dict[str, Callable[..., Any]] = {
@@ -34,8 +40,14 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 
 
 def main() -> None:
-    """Entry point: errors that a user can mend are one line and exit code 2; Ctrl-C is 130."""
-    command = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="surefoot", description=__doc__)
+    """Run the command that the command line names.
+
+    An error that a user can mend is one line and exit code 2; Ctrl-C is exit code 130.
+    """
+    arguments, notes = renewed(sys.argv[1:])
+    for note in notes:
+        console.print(f"surefoot: {note}", markup=False, highlight=False, soft_wrap=True)
+    command = tyro.extras.subcommand_cli_from_dict(COMMANDS, args=arguments, prog="surefoot", description=__doc__)
     try:
         command.main()
     except UserError as error:

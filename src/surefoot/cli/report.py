@@ -1,21 +1,17 @@
-"""Commands that show: report, pictures, demo."""
+"""surefoot report, table and pictures: show what is in results tables."""
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
 
-from surefoot.cli.evaluate import chosen_scenarios, evaluate_policy
 from surefoot.cli.terminal import console, write_text
-from surefoot.cli.train import Train
 from surefoot.errors import UserError
-
-DEMO_MARK = ".surefoot-demo"
-"""An empty file by which a demo knows a folder as its own."""
 
 
 @dataclass(frozen=True)
@@ -57,28 +53,33 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Demo:
-    """The whole way in a few minutes: learn a policy, evaluate it, print the table, draw the pictures."""
+class Table:
+    """Print a table of exported thresholds, for a terminal or a page."""
 
-    minutes: float = 3.0
-    """Time for learning."""
-    algorithm: str = "ddpg"
-    """trpo, ppo or ddpg."""
-    out: Path = Path("runs/demo")
-    """Folder for the run, its results and its pictures."""
-    seed: int = 0
-    """Seed of everything random."""
+    thresholds: Annotated[Path, tyro.conf.Positional]
+    """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
+    show: Literal["main", "worst", "seeds"] = "main"
+    """main: Table I beside the paper's. worst: the worst direction of every scenario. seeds: median and range over the
+    policies that one algorithm learned, which are named ALGORITHM-SEED."""
+    markdown: bool = False
+    """As Markdown instead of a drawn table."""
 
     def main(self) -> None:
-        mark = self.out / DEMO_MARK
-        if mark.exists():  # an earlier demo's folder; nothing else is ever removed
-            for file in self.out.iterdir():
-                file.unlink()
-        Train(algorithm=self.algorithm, preset="fast", run=self.out, minutes=self.minutes, seed=self.seed).main()
-        mark.touch()
-        pushes = chosen_scenarios("root", 4)
-        evaluate_policy(str(self.out), pushes, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
-        Pictures(self.out / "thresholds.csv", self.out, str(self.out), self.out).main()
+        from surefoot.evaluation.results import read_thresholds
+        from surefoot.report import tables
+        from surefoot.robots.robot import load_robot
+
+        policies = read_thresholds(self.thresholds)
+        if self.show == "seeds":
+            table = tables.seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
+        elif self.show == "worst":
+            table = tables.worst_table(policies)
+        else:
+            table = tables.table_1(policies, load_robot())
+        if self.markdown:
+            sys.stdout.write(table.markdown())
+        else:
+            Console().print(table.rich())
 
 
 @dataclass(frozen=True)

@@ -1,28 +1,16 @@
-"""Commands that learn: train, reproduce."""
+"""surefoot train, select and ablate: learn policies, choose among them, and tell what each part of learning gives."""
 
 from __future__ import annotations
 
 import shutil
-import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
-from surefoot.cli.terminal import (
-    check_not_negative,
-    check_positive,
-    clock,
-    console,
-    evaluation_bar,
-    needs_torch,
-    training_bar,
-)
+from surefoot.cli.terminal import check_not_negative, check_positive, console, needs_torch, training_bar
 from surefoot.errors import UserError
-
-if TYPE_CHECKING:
-    from surefoot.cli.study import Study
 
 
 @dataclass(frozen=True)
@@ -77,65 +65,6 @@ class Train:
             console.print(f"interrupted; go on with: surefoot train --resume {folder}")
             raise
         console.print(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
-
-
-@dataclass(frozen=True)
-class Reproduce:
-    """The paper's whole study: train three algorithms over seeds, evaluate each on the paper's tests, make the page.
-
-    Every stage that is done is skipped, so that the same command goes on after an interruption. Seven seeds as in the
-    paper are 21 trainings of 15 to 20 minutes and as many evaluations: seven to eight hours on two free cores.
-    """
-
-    fast: bool = False
-    """Three seeds instead of seven."""
-    minutes: float | None = None
-    """Wall-clock budget of each training; the preset's without it."""
-    preset: str = "fast"
-    """Of the trainings, as for `surefoot train`."""
-    suite: str = "paper"
-    """Of the evaluations, as for `surefoot evaluate`."""
-    out: Path = Path("runs/reproduce")
-    """Folder for run folders, results table and page."""
-
-    def main(self) -> None:
-        with needs_torch():
-            from surefoot.cli import study as reproduce
-        from surefoot.evaluation.scenario_file import suite
-
-        check_positive("minutes", self.minutes)
-        num_seeds = reproduce.FAST_SEEDS if self.fast else reproduce.FULL_SEEDS
-        study = reproduce.Study(self.out, num_seeds, self.minutes, self.preset, scenarios=suite(self.suite))
-        try:
-            self._run(study)
-        except KeyboardInterrupt:
-            console.print("interrupted; the same command goes on from here")
-            raise
-
-    def _run(self, study: Study) -> None:
-        from surefoot.cli import study as reproduce
-
-        runs, measured = study.runs(), list[float]()
-        num_lines = sum(len(scenario.lines()) for scenario in study.scenarios)
-        for number, run in enumerate(runs):
-            for stage, is_done in (("train", run.is_trained), ("evaluate", run.is_evaluated)):
-                words = f"{2 * number + 1 + (stage == 'evaluate')}/{2 * len(runs) + 1} {stage} {run.folder.name}"
-                if is_done:
-                    console.print(f"{words}: done before")
-                    continue
-                left = clock(reproduce.seconds_left(runs, measured))
-                console.print(f"{words}; about {left} left in all")
-                if stage == "train":
-                    with training_bar() as show:
-                        reproduce.train_run(run, show)
-                else:
-                    began = time.monotonic()
-                    with evaluation_bar(num_lines) as watch:
-                        reproduce.evaluate_run(run, watch)
-                    measured.append(time.monotonic() - began)
-        console.print(f"{2 * len(runs) + 1}/{2 * len(runs) + 1} report")
-        reproduce.report_study(study)
-        console.print(f"page: {study.out / 'report.html'}", soft_wrap=True)
 
 
 @dataclass(frozen=True)

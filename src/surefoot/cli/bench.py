@@ -1,0 +1,29 @@
+"""surefoot bench: measure the speed of every layer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from surefoot.cli.terminal import check_positive, console, needs_torch, results_console, write_json
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure the speed of every layer, as ratios in one run."""
+
+    seconds: float = 20.0
+    """Time for each ratio."""
+    json: str | None = None
+    """Write the figures as one flat JSON object to this file; - for standard output."""
+
+    def main(self) -> None:
+        check_positive("seconds", self.seconds)
+        with needs_torch():
+            import torch  # noqa: F401
+        from surefoot.cli.benchmarks import bench_table, run_bench
+
+        with console.status("measuring") as status:
+            figures = run_bench(self.seconds, lambda stage: status.update(f"measuring {stage}"))
+        results_console(self.json).print(bench_table(figures))
+        if self.json:
+            write_json(figures, self.json)

@@ -1,0 +1,48 @@
+"""surefoot play: push a robot by hand, in a browser."""
+
+from __future__ import annotations
+
+import time
+import webbrowser
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from surefoot.cli.terminal import console
+
+
+@dataclass(frozen=True)
+class Play:
+    """Push the robot by hand, in a browser: opens a page on this machine and prints its address."""
+
+    policy: Annotated[str, tyro.conf.Positional] = "best"
+    """A shipped policy's name, a policy file (.onnx), "nominal", or a run folder: its newest checkpoint is followed
+    while it learns."""
+    robots: int = 1
+    """1 to 64 robots under the same push."""
+    port: int = 8080
+    """Where the page is."""
+    host: str = "127.0.0.1"
+    """Who may open the page: only this machine unless told otherwise (0.0.0.0: everyone who reaches it)."""
+    runs: Path = Path("runs")
+    """Folder whose runs are offered."""
+    open: bool = False
+    """Open the page in this machine's browser."""
+
+    def main(self) -> None:
+        from surefoot.viewer.page import Page
+        from surefoot.viewer.source import PolicySource
+
+        page = Page(PolicySource(self.policy), self.robots, self.host, self.port, self.runs)
+        console.print(f"push it at {page.address} (Ctrl-C ends)", soft_wrap=True)
+        if self.open:
+            webbrowser.open(page.address)
+        try:
+            while True:
+                time.sleep(1.0)
+        except KeyboardInterrupt:
+            console.print("closed")
+        finally:
+            page.close()

@@ -1,0 +1,72 @@
+"""surefoot replay: run a trial of a results table again."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from surefoot.agents.agent import Policy
+    from surefoot.agents.controllers.controller import ControllerAgent
+    from surefoot.evaluation.trials import Trial
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Run one trial of a results table again, bit for bit, and compare its outcome with the stored one.
+
+    Exit code 1 if anything differs. The same bits are promised on the same kind of machine: another processor may
+    round otherwise.
+    """
+
+    results: Annotated[Path, tyro.conf.Positional]
+    """Results table (SQLite) of `surefoot evaluate`."""
+    row: Annotated[int, tyro.conf.Positional]
+    """Column `id` of its table `trials`; `surefoot evaluate --export` writes it out."""
+    policy: str | None = None
+    """A shipped policy, a policy file, a run folder or a controller; without it, the policy is looked for by its digest
+    among the shipped ones and in runs/, a controller by its name."""
+    video: Path | None = None
+    """Film of the trial, .mp4 or .gif."""
+    picture: Path | None = None
+    """Film strip of the trial, .png or .jpg."""
+
+    def main(self) -> None:
+        from surefoot.evaluation import replay
+        from surefoot.evaluation.results import open_results
+
+        with open_results(self.results) as results:
+            row = results.row(self.row)
+        policy = replay.find_policy(row.policy_name, row.policy, self.policy)
+        replay.check_setup(row.setup, policy.contract.robot, f"row {self.row} of {self.results}")
+        outcome = replay.replay(row, policy)
+        found = replay.differences(row.outcome, outcome)
+        output = Console(soft_wrap=True, highlight=False, markup=False)
+        output.print(f"{row.policy_name}, {row.scenario}, row {self.row}: {outcome.reason}, {outcome.seconds:.2f} s")
+        for name, old, new in found:
+            output.print(f"  {name}: stored {old}, now {new}")
+        output.print("different" if found else "identical")
+        self._show(policy, row.trial, output)
+        if found:
+            sys.exit(1)
+
+    def _show(self, policy: Policy | ControllerAgent, trial: Trial, output: Console) -> None:
+        if not (self.video or self.picture):
+            return
+        from surefoot.rendering.film import save_video
+        from surefoot.rendering.image_files import save_picture
+        from surefoot.rendering.recording import record
+        from surefoot.rendering.strip import filmstrip
+
+        recording = record(policy, trial)
+        if self.video:
+            save_video(self.video, recording)
+            output.print(f"video: {self.video}")
+        if self.picture:
+            save_picture(self.picture, filmstrip([recording]))
+            output.print(f"picture: {self.picture}")

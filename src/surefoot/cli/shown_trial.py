@@ -1,0 +1,71 @@
+"""The trial that a film or a picture shows: a push, or one of a scenario, by the words of a command line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from surefoot.errors import UserError
+
+if TYPE_CHECKING:
+    from surefoot.evaluation.trials import Trial
+
+DIRECTIONS = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": -90.0}
+"""Angles in the horizontal plane [deg], counter-clockwise from forward (+x)."""
+
+
+def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
+    """The whole trial of a scenario; `size` is on the grid of what it searches, and means nothing if it does not.
+
+    Raises:
+        UserError: there is no such scenario, direction, size or seed.
+    """
+    from surefoot.evaluation.scenario_file import suite
+    from surefoot.evaluation.scenarios import SUITES
+
+    file, _, key = name.rpartition(":")
+    among = suite(file) if file else [scenario for scenarios in SUITES.values() for scenario in scenarios]
+    scenarios = {scenario.name: scenario for scenario in among}
+    if key not in scenarios:
+        raise UserError(f"unknown scenario '{key}'; valid: {', '.join(scenarios)}")
+    lines = {line.name: line for line in scenarios[key].lines()}
+    if direction not in lines:
+        raise UserError(f"{key} has no direction '{direction}'; valid: {', '.join(lines)}")
+    line = lines[direction]
+    if not line.scenario.search:
+        if not 0 <= seed < line.scenario.trials:
+            raise UserError(f"seed of {key} must be 0 to {line.scenario.trials - 1}, not {seed}")
+        return line.fixed_trials()[seed]
+    cell = round(size / line.grid) if np.isfinite(size) else 0
+    if not 1 <= cell <= line.num_cells or abs(line.size(cell) - size) > 1e-6:
+        valid = f"multiples of {line.grid:g} up to {line.size(line.num_cells):g} {line.scenario.unit}"
+        raise UserError(f"{key} has no size {size:g}; valid: {valid}")
+    if seed < 0:
+        raise UserError(f"seed must not be negative, not {seed}")
+    return line.trial(cell, seed, whole=True)
+
+
+def push_trial(body: str, direction: str, impulse: float, duration: float, seed: int) -> Trial:
+    """The trial of one push.
+
+    Raises:
+        UserError: there is no such body or direction, or a number will not do.
+    """
+    from surefoot.evaluation.trials import Trial
+    from surefoot.physics.pushes import horizontal_push
+    from surefoot.robots.robot import load_robot
+
+    load_robot().body_id(body)
+    try:
+        angle = DIRECTIONS[direction] if direction in DIRECTIONS else float(direction)
+    except ValueError:
+        raise UserError(f"unknown direction '{direction}'; valid: {', '.join(DIRECTIONS)}, degrees") from None
+    for name, value in (("impulse", impulse), ("duration", duration)):
+        if not (np.isfinite(value) and value > 0):
+            raise UserError(f"{name} must be a positive number, not {value}")
+    if not np.isfinite(angle):
+        raise UserError(f"direction must be finite, not {direction}")
+    if seed < 0:
+        raise UserError(f"seed must not be negative, not {seed}")
+    return Trial(horizontal_push(body, angle, impulse, duration), seed)
