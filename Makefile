@@ -52,12 +52,12 @@ results: $(READY)
 	            --export-thresholds results/seeds.csv || exit 1; done; done
 	$(BIN)/surefoot ablate --export results/ablations/left-out
 	$(BIN)/surefoot train --preset wide --run runs/results/wide
-	$(BIN)/surefoot train --preset steady --after runs/results/wide --run runs/results/steady
-	$(BIN)/surefoot train --preset complete --after runs/results/steady --run runs/results/complete
-	$(BIN)/surefoot train --algorithm trpo --preset steady --after runs/results/trpo-0 --run runs/results/trpo-steady
+	$(BIN)/surefoot train --preset steady --warm-start runs/results/wide --run runs/results/steady
+	$(BIN)/surefoot train --preset complete --warm-start runs/results/steady --run runs/results/complete
+	$(BIN)/surefoot train --algorithm trpo --preset steady --warm-start runs/results/trpo-0 --run runs/results/trpo-steady
 	-timeout -s INT 27m $(BIN)/surefoot train --algorithm ppo --minutes 60 --run runs/results/ppo-begun
-	$(BIN)/surefoot train --algorithm ppo --preset steady --after runs/results/ppo-begun --run runs/results/ppo-steady
-	$(BIN)/surefoot train --algorithm ppo --preset complete --after runs/results/ppo-steady --run runs/results/ppo-complete
+	$(BIN)/surefoot train --algorithm ppo --preset steady --warm-start runs/results/ppo-begun --run runs/results/ppo-steady
+	$(BIN)/surefoot train --algorithm ppo --preset complete --warm-start runs/results/ppo-steady --run runs/results/ppo-complete
 	$(BIN)/surefoot select --mean-minutes 10 runs/results/trpo-* --out $(POLICIES)/trpo.onnx
 	$(BIN)/surefoot select --mean-minutes 10 runs/results/ppo-* --out $(POLICIES)/ppo.onnx
 	$(BIN)/surefoot select --mean-minutes 10 runs/results/wide runs/results/steady runs/results/complete --out $(POLICIES)/ddpg.onnx

@@ -42,7 +42,10 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         (["train", "--steps", "0"], "surefoot: steps must be a positive number, not 0"),
         (["train", "--seed", "-2"], "surefoot: seed must not be negative, not -2"),
         (["train", "--resume", "nowhere"], "surefoot: nowhere is not a run folder: cannot read config.json"),
-        (["train", "--after", "nowhere"], "surefoot: cannot read policy nowhere: No such file or directory" + SHIPPED),
+        (
+            ["train", "--warm-start", "nowhere"],
+            "surefoot: cannot read policy nowhere: No such file or directory" + SHIPPED,
+        ),
         (["evaluate", "no.onnx"], "surefoot: cannot read policy no.onnx: No such file or directory" + SHIPPED),
         (["evaluate", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
         (["evaluate", "empty"], "surefoot: cannot read policy empty/best.onnx: No such file or directory" + SHIPPED),
@@ -118,7 +121,7 @@ def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard
 def test_directions_are_those_of_the_root_pushes_and_a_files_own_stay_as_they_stand(tmp_path: Path) -> None:
     (paper,) = (scenario for scenario in chosen_scenarios("paper", 16) if scenario.name == "root_push")
     assert paper.directions == 16
-    assert [scenario.directions for scenario in chosen_scenarios("root", 8)] == [8]
+    assert [scenario.directions for scenario in chosen_scenarios("push", 8)] == [8]
     (tmp_path / "s.toml").write_text('[[scenario]]\nname = "root_push"\nlatency = 0.02\n')
     (own,) = chosen_scenarios(str(tmp_path / "s.toml"), 16)
     assert (own.latency, own.directions) == (0.02, 4)

@@ -35,6 +35,6 @@ class Demo:
                 file.unlink()
         Train(algorithm=self.algorithm, preset="fast", run=self.out, minutes=self.minutes, seed=self.seed).main()
         mark.touch()
-        pushes = chosen_scenarios("root", 4)
+        pushes = chosen_scenarios("push", 4)
         evaluate_policy(str(self.out), pushes, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
         Pictures(self.out / "thresholds.csv", self.out, str(self.out), self.out).main()

@@ -27,11 +27,11 @@ class Evaluate:
     """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal": the nominal pose held by the joint
     impedance alone. A controller: controllers/NAME (docs/controllers.md), or FILE.py:CLASS of your own
     (docs/your-controller.md)."""
-    suite: str = "root"
-    """root (pushes at the root), paper (everything that the paper tests), robustness (beyond the paper), or a
-    scenario file (.toml, docs/scenarios.md)."""
+    suite: str = "push"
+    """push (pushes at the floating body, such as the pelvis), paper (everything that the paper tests), robustness
+    (beyond the paper), or a scenario file (.toml, docs/scenarios.md)."""
     directions: int = 4
-    """Number of directions of the pushes at the root, evenly spaced."""
+    """Number of directions of these pushes, evenly spaced."""
     results: Path = Path("results.sqlite")
     """Results table (SQLite); trials that are in it already are not run again."""
     json: str | None = None
@@ -102,10 +102,15 @@ def evaluate_policy(
 
 
 def chosen_scenarios(suite_name: str, num_directions: int) -> list[Scenario]:
+    """The scenarios of a suite, with so many directions of the pushes at the floating body.
+
+    Raises:
+        UserError: there is no such suite.
+    """
     from surefoot.evaluation.scenario_file import suite
     from surefoot.evaluation.scenarios import Scenario
 
     root = Scenario("root_push", directions=num_directions)
-    if suite_name == "root":
+    if suite_name == "push":
         return [root]
     return [root if scenario == Scenario("root_push") else scenario for scenario in suite(suite_name)]

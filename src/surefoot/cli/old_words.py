@@ -6,10 +6,7 @@ from collections.abc import Sequence
 
 OPTIONS = {("train", "--after"): "--warm-start"}
 """(command, old option) -> its new name."""
-VALUES = {
-    ("evaluate", "--suite", "pelvis"): "push",
-    ("reproduce", "--suite", "pelvis"): "push",
-}
+VALUES = {("evaluate", "--suite", "pelvis"): "push"}
 """(command, option, old value) -> the new value."""
 
 

@@ -33,7 +33,7 @@ class Train:
     """Seed of everything random."""
     resume: Path | None = None
     """Go on with the run in this folder instead of starting one."""
-    after: Path | None = None
+    warm_start: Path | None = None
     """Begin with the networks that the run in this folder ended with, or fine-tune a policy (a shipped one's name or a
     file): its critic is learned first."""
 
@@ -46,21 +46,21 @@ class Train:
         check_positive("minutes", self.minutes)
         check_positive("steps", self.steps)
         check_not_negative("seed", self.seed)
-        if self.resume and self.after:
-            raise UserError("--after is for a new run; one that is resumed knows what it began with")
+        if self.resume and self.warm_start:
+            raise UserError("--warm-start is for a new run; one that is resumed knows what it began with")
         if self.resume is None:
             config = with_budget(preset(self.preset, self.algorithm), self.minutes, self.steps, self.seed)
             folder = self.run or Path("runs") / f"{config.preset}-{config.algorithm}-{config.seed}"
         else:
             config, folder = RunFolder(self.resume).config(), self.resume
             config = with_budget(config, self.minutes, self.steps, config.seed)
-        if self.after:
-            forerunner(config, self.after)
+        if self.warm_start:
+            forerunner(config, self.warm_start)
         console.print(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
         console.print("the bar ends with the impulses about rejected now: forward/left/backward/right")
         try:
             with training_bar() as show:
-                train(config, folder, self.resume is not None, show, self.after)
+                train(config, folder, self.resume is not None, show, self.warm_start)
         except KeyboardInterrupt:
             console.print(f"interrupted; go on with: surefoot train --resume {folder}")
             raise
