@@ -17,11 +17,11 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.learning.config import TrainConfig, preset
-from surefoot.physics.mujoco_engine import MujocoEngine, sensor_layout
+from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.pushes import Push, Pushes
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import TICKS_PER_STEP
-from surefoot.robots.robot import Robot, load_robot
+from surefoot.robots import Robot, load_robot
 
 TOTAL_MASS = 137.287494
 """Of NASA's description [kg]."""
@@ -145,17 +145,18 @@ def plain_steps(
     robot: Robot, targets: np.ndarray, push: np.ndarray
 ) -> tuple[mujoco.MjModel, mujoco.MjData, StepRecord]:
     """The bent robot from 1 cm above the floor in a loop of mj_step, `push` on its torso: (num_ticks, ...) of one."""
-    model = robot.model()
+    engine = stand(robot, 1, height=0.01)
+    model = engine.model
     data = mujoco.MjData(model)
-    data.qpos[:] = stand(robot, 1, height=0.01).state[0][0]
+    data.qpos[:] = engine.state[0][0]
     mujoco.mj_forward(model, data)
     record = np.zeros((1, len(targets), model.nsensordata))
     for tick, target in enumerate(targets):
         data.ctrl[:] = target
-        data.xfrc_applied[robot.body_id("torso"), :3] = push
+        data.xfrc_applied[1 + robot.body_id("torso"), :3] = push
         mujoco.mj_step(model, data)
         record[0, tick] = data.sensordata
-    return model, data, StepRecord(robot, sensor_layout(model), record)
+    return model, data, StepRecord(robot, record)
 
 
 def posed(robot: Robot, model: mujoco.MjModel, height: float = 5.0, **joints: float) -> mujoco.MjData:

@@ -18,7 +18,7 @@ from surefoot.agents.controllers.urata2011 import FootPlacement
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.physics.pushes import Push
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 WAYS = {"forward": (1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "backward": (-1.0, 0.0, 0.0), "right": (0.0, -1.0, 0.0)}
 

@@ -14,7 +14,7 @@ from surefoot.agents.load import shipped_policies
 from surefoot.agents.policy_file import network_bytes
 from surefoot.cli.evaluate import chosen_scenarios
 from surefoot.cli.main import COMMANDS
-from surefoot.robots.robot import load_robot
+from surefoot.robots import load_robot
 
 
 def surefoot(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -9,7 +9,7 @@ from surefoot.errors import UserError
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.task import observation
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.imperfections import PERFECT, Imperfections

@@ -22,7 +22,7 @@ from surefoot.evaluation.trials import Trial, run_list
 from surefoot.physics.pushes import Drop
 from surefoot.physics.step_record import StepRecord
 from surefoot.report.step_timing import timing_figures, timing_table
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.task.imperfections import Imperfections
 
 ROOT = Path(__file__).parent.parent

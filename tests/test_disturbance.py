@@ -7,7 +7,7 @@ from conftest import NUM_BODIES, step_to, write_wrench
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.pushes import PUSH_DURATION, Push, Pushes
 from surefoot.rates import CONTROL_DT, TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 
 def written(pushes: Pushes, num_steps: int, num_robots: int = 1) -> np.ndarray:

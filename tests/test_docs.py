@@ -19,7 +19,7 @@ from surefoot.learning.ablations import LEFT_OUT, ablation_table
 from surefoot.learning.curve import read_curve
 from surefoot.report import metrics as figures
 from surefoot.report import tables
-from surefoot.robots.robot import load_robot
+from surefoot.robots import load_robot
 
 ROOT = Path(__file__).parent.parent
 THRESHOLDS = ROOT / "results" / "thresholds.csv"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.physics.pushes import PUSH_DURATION, Pushes
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.task import privileged as foresight
 from surefoot.task.privileged import LEVER_UNIT, Foresight
 

@@ -13,11 +13,11 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.outcome import Outcome, joint_groups
 from surefoot.evaluation.trial_monitor import TrialMonitor
 from surefoot.evaluation.trials import run_list
-from surefoot.physics.domain import DomainParameters
 from surefoot.physics.pushes import Drop
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
+from surefoot.robots.domain import DomainParameters
 
 FORWARD, LEFT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 GROUPS = ("torso_pitch", "hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll")

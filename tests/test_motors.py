@@ -11,7 +11,8 @@ from conftest import posed, step_to
 
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.rates import TICKS_PER_STEP
-from surefoot.robots.robot import Robot, joint_group, load_robot
+from surefoot.robots import Robot, load_robot
+from surefoot.robots.robot import joint_group
 
 JOINTS = load_robot().joint_names
 
@@ -36,7 +37,7 @@ DRIVES = {
 
 def free_model(robot: Robot) -> mujoco.MjModel:
     """The robot floating: no gravity, no contacts, no joint ranges."""
-    spec = mujoco.MjSpec.from_string(robot.xml)
+    spec = robot.build()
     spec.compiler.discardvisual = True
     spec.option.gravity = [0.0, 0.0, 0.0]
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT)

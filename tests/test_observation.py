@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.task import observation
 from surefoot.task.control_loop import ControlLoop
 

@@ -17,7 +17,7 @@ from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import network_bytes
 from surefoot.errors import UserError
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.task import observation
 
 SIZES = (47, 10, 7, 11)

@@ -9,7 +9,7 @@ from conftest import NUM_BODIES, write_wrench
 from surefoot.errors import UserError
 from surefoot.physics.pushes import PUSH_DURATION, Pushes
 from surefoot.rates import TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.task.random_pushes import DisturbanceConfig, RandomPushes
 
 

@@ -30,7 +30,7 @@ from surefoot.report import tables
 from surefoot.report.evaluations import LARGEST, SHANK, read_evaluations
 from surefoot.report.page import Report, make_report
 from surefoot.report.traces import Trace, run_traces
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None

@@ -24,8 +24,8 @@ from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, Scenario
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trial_json import trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial, run_list
-from surefoot.physics.domain import DomainParameters
 from surefoot.physics.pushes import Drop, Push
+from surefoot.robots.domain import DomainParameters
 from surefoot.task.imperfections import Imperfections
 
 TRIAL = Trial(Push("root", (0.0, -1.0, 0.0), 42.0), seed=3, whole=False)

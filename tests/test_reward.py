@@ -11,7 +11,7 @@ from conftest import step_to
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.task import reward
 from surefoot.task.reward import PenaltyWeights
 

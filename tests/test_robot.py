@@ -14,7 +14,8 @@ from conftest import posed, step_to
 from surefoot.errors import UserError
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.rates import TICKS_PER_STEP
-from surefoot.robots.robot import Robot, joint_group, load_robot
+from surefoot.robots import Robot, load_robot
+from surefoot.robots.robot import joint_group
 
 LEG = ("hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll")
 JOINTS = ("torso_pitch", *(f"left_{name}" for name in LEG), *(f"right_{name}" for name in LEG))
@@ -158,10 +159,11 @@ def test_left_and_right_are_mirror_images(robot: Robot) -> None:
 
 
 def test_pushable_bodies_are_the_bodies_they_are_called_after(robot: Robot) -> None:
-    model = robot.model()
-    assert set(robot.body_ids) == {"root", "torso", "left_thigh", "right_thigh", "left_shank", "right_shank"}
-    for name, body_id in robot.body_ids.items():
-        assert model.body(body_id).name == name
+    legs = {f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shank")}
+    assert set(robot.pushable) == {"root", "pelvis", "torso"} | legs
+    for word, body in robot.pushable.items():
+        assert body == ("pelvis" if word == "root" else word)
+        assert robot.body_names[robot.body_id(word)] == body
 
 
 def test_visual_shapes_change_neither_masses_nor_a_single_bit_of_the_motion(robot: Robot) -> None:

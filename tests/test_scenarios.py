@@ -17,10 +17,10 @@ from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenario_file import suite
 from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, SUITES, Line, Scenario, from_json
 from surefoot.evaluation.trials import Trial, run_list
-from surefoot.physics.domain import DomainParameters
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.pushes import Drop, Push
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
+from surefoot.robots.domain import DomainParameters
 from surefoot.task.imperfections import Imperfections
 
 ALL = (*PAPER, *ROBUSTNESS)
@@ -59,7 +59,7 @@ def test_every_scenario_builds_finite_trials_that_its_seed_decides(robot: Robot,
         assert trial != one_trial(line, seed=1)
         assert np.isfinite(numbers_in(trial)).all()
         for push in trial.pushes:
-            assert push.body in robot.body_ids
+            assert push.body in robot.pushable
             assert math.hypot(*push.direction) == pytest.approx(1.0, abs=1e-9)
             assert "-0.0" not in repr(push)  # equal to 0.0, but another text in the results table
         assert trial.domain == scenario.domain

@@ -23,7 +23,7 @@ from surefoot.learning.models import make_model
 from surefoot.learning.probe import FIRST_SEED, probe
 from surefoot.learning.sb3 import SB3VecEnv
 from surefoot.learning.selection import files, judge, means, shipped_bytes
-from surefoot.robots.robot import load_robot
+from surefoot.robots import load_robot
 from surefoot.task.environment import PushRecoveryVectorEnv
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from conftest import PUSH, everyone, hold, plain_steps, stand, step_to
 
-from surefoot.physics.domain import DomainParameters
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord, sole_corners
 from surefoot.rates import CONTROL_DT, POLICY_DT, TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
+from surefoot.robots.domain import DomainParameters
 
 
 def random_targets(robot: Robot, num_robots: int, seed: int = 0) -> np.ndarray:

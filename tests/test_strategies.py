@@ -12,7 +12,7 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.strategies import HABIT, Step, Strategies, StrategyWatch
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.task.control_loop import ControlLoop
 
 FORWARD, BACKWARD, LEFT = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)

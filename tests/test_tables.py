@@ -19,7 +19,7 @@ from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
 from surefoot.report import paper, tables
 from surefoot.report.tables import Table
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 BY_NAME = {scenario.name: scenario for scenario in PAPER}
 

@@ -12,7 +12,7 @@ from surefoot.physics import balance
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord, roll_pitch, sole_corners, uprightness
 from surefoot.rates import CONTROL_DT
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 # Named quantities against MuJoCo's own, in the middle of a pushed motion.
 

@@ -12,7 +12,7 @@ from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trials import Trial, TrialSource, run_list, run_trials
 from surefoot.physics.pushes import Drop, Push
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.task.imperfections import Imperfections
 
 FORWARD, LEFT = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from conftest import hold, step_to
 
-from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord, sole_corners
 from surefoot.rates import CONTROL_DT, TICKS_PER_STEP
-from surefoot.robots.robot import FLOOR, Robot
+from surefoot.robots import Robot
+from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.robots.model import FLOOR
 
 
 def standing_in(

@@ -11,7 +11,7 @@ from typing import Any
 from surefoot.errors import UserError
 from surefoot.physics.signals import CUTOFF_HZ
 from surefoot.rates import CONTROL_HZ, POLICY_HZ
-from surefoot.robots.robot import Robot, load_robot
+from surefoot.robots import Robot, load_robot
 from surefoot.task import observation
 
 METADATA_KEY = "surefoot"

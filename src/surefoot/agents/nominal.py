@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 
 from surefoot.agents.contract import Contract
-from surefoot.robots.robot import Robot, load_robot
+from surefoot.robots import Robot, load_robot
 
 
 class NominalAgent:

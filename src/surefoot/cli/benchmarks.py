@@ -188,7 +188,7 @@ def standing_network() -> NetworkAgent:
     """A new network of the paper's size that holds the nominal pose: as fast as any trained one."""
     from surefoot.agents.contract import Contract
     from surefoot.agents.policy_file import network_bytes
-    from surefoot.robots.robot import load_robot
+    from surefoot.robots import load_robot
 
     robot = load_robot()
     sizes = [len(observation.component_names(robot)), 100, 50, 25, robot.num_joints]

@@ -71,7 +71,7 @@ def evaluate_policy(
     from surefoot.report import tables
     from surefoot.report import targets as goals
     from surefoot.report.step_timing import measure, timing_figures, timing_table
-    from surefoot.robots.robot import load_robot
+    from surefoot.robots import load_robot
 
     policy = load_agent(name)
     robot, pose = load_robot(policy.contract.robot), np.array(policy.contract.nominal_pose)

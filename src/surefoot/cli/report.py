@@ -67,7 +67,7 @@ class Table:
     def main(self) -> None:
         from surefoot.evaluation.results import read_thresholds
         from surefoot.report import tables
-        from surefoot.robots.robot import load_robot
+        from surefoot.robots import load_robot
 
         policies = read_thresholds(self.thresholds)
         if self.show == "seeds":

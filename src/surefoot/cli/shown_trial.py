@@ -54,7 +54,7 @@ def push_trial(body: str, direction: str, impulse: float, duration: float, seed:
     """
     from surefoot.evaluation.trials import Trial
     from surefoot.physics.pushes import horizontal_push
-    from surefoot.robots.robot import load_robot
+    from surefoot.robots import load_robot
 
     load_robot().body_id(body)
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from surefoot.evaluation.strategies import STEP_LENGTH
-from surefoot.robots.robot import Robot, joint_group
+from surefoot.robots import Robot
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,8 @@ class Outcome:
 
 def joint_groups(robot: Robot) -> tuple[str, ...]:
     """Names of the joint groups in the order of their peaks: a joint's name without its side."""
-    return tuple(dict.fromkeys(joint_group(name) for name in robot.joint_names))
+    return tuple(dict.fromkeys(robot.joint_groups))
 
 
 def _group_columns(robot: Robot) -> list[list[int]]:
-    of_joint = [joint_group(name) for name in robot.joint_names]
-    return [[i for i, group in enumerate(of_joint) if group == name] for name in joint_groups(robot)]
+    return [[i for i, group in enumerate(robot.joint_groups) if group == name] for name in joint_groups(robot)]

@@ -21,7 +21,7 @@ from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.results import Row, setup_digest
 from surefoot.evaluation.trials import run_list
-from surefoot.robots.robot import load_robot
+from surefoot.robots import load_robot
 
 RUNS = Path("runs")
 """Where a policy is looked for beside the package: `surefoot train` and `reproduce` write here."""

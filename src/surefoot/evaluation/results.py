@@ -33,7 +33,7 @@ from surefoot.evaluation.scenarios import Line, Scenario, from_json
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial
-from surefoot.robots.robot import load_robot
+from surefoot.robots import load_robot
 
 SCHEMA = 2
 """Version of the tables, in SQLite's `user_version`."""
@@ -349,7 +349,7 @@ def setup_digest(robot: str) -> str:
     """Names what an outcome depends on beside the policy: robot, physics engine, protocol."""
     rules = {**vars(strategies), **vars(judge), **vars(trials)}
     protocol = {name: value for name, value in rules.items() if name.isupper() and name != "NUM_SLOTS"}
-    text = f"{load_robot(robot).xml}{mujoco.__version__}{sorted(protocol.items())}"
+    text = f"{load_robot(robot).fingerprint}{mujoco.__version__}{sorted(protocol.items())}"
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -12,7 +12,7 @@ from surefoot.errors import UserError
 from surefoot.evaluation.scenarios import DIRECTIONS, GRIDS, SUITES, Scenario
 from surefoot.evaluation.trial_monitor import JUDGED_S
 from surefoot.rates import CONTROL_HZ, POLICY_DT
-from surefoot.robots.robot import load_robot
+from surefoot.robots import load_robot
 
 
 def suite(name: str) -> tuple[Scenario, ...]:

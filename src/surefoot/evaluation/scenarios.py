@@ -12,9 +12,9 @@ import numpy as np
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trial_monitor import CALM_FROM_S, HORIZON_S
 from surefoot.evaluation.trials import Trial
-from surefoot.physics.domain import DomainParameters
 from surefoot.physics.pushes import PUSH_DURATION, Drop, Push
 from surefoot.rates import CONTROL_HZ
+from surefoot.robots.domain import DomainParameters
 from surefoot.task.imperfections import Imperfections
 
 DIRECTIONS = {"forward": 0.0, "left": 0.5 * np.pi, "backward": np.pi, "right": 1.5 * np.pi}

@@ -29,7 +29,7 @@ import numpy as np
 
 from surefoot.physics.step_record import StepRecord, horizontal, uprightness
 from surefoot.rates import CONTROL_DT, POLICY_DT, POLICY_HZ
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 ANKLE_SHIFT = 0.02
 """[m]: 27 Nm of ankle torque under Valkyrie's weight. Its stiff nominal pose sways by 0.015 m undisturbed."""

@@ -8,8 +8,8 @@ from typing import Any
 
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.trials import Trial
-from surefoot.physics.domain import DomainParameters
 from surefoot.physics.pushes import Drop, Push
+from surefoot.robots.domain import DomainParameters
 from surefoot.task.imperfections import Imperfections
 
 _PARTS: dict[str, Any] = {

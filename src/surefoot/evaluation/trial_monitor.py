@@ -10,7 +10,7 @@ from surefoot.evaluation.outcome import Outcome, _group_columns
 from surefoot.evaluation.strategies import StrategyWatch
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 HORIZON_S = 10.0
 

@@ -17,11 +17,11 @@ from surefoot.agents.controllers.loop import ControllerLoop
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trial_monitor import CALM_FROM_S, HORIZON_S, TrialMonitor
-from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.physics.pushes import Drop, Push, Pushes
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
-from surefoot.robots.robot import Robot, load_robot
+from surefoot.robots import Robot, load_robot
+from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.imperfections import PERFECT, Imperfections
 

@@ -10,7 +10,7 @@ from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.run_folder import RunFolder
-from surefoot.robots.robot import load_robot
+from surefoot.robots import load_robot
 
 
 def forerunner(config: TrainConfig, after: str | Path) -> RunFolder | NetworkAgent:

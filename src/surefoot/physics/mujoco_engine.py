@@ -11,10 +11,12 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.physics.mujoco_sensors import add_sensors
 from surefoot.physics.step_record import StepRecord, sole_corners
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
-from surefoot.robots.robot import FLOOR, Robot
+from surefoot.robots import Robot
+from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.robots.model import FLOOR, compile_model
 
 _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 
@@ -44,8 +46,8 @@ class MujocoEngine:
         domain: floor, masses, motors and physics rate.
 
     Attributes:
-        wrench: forces and torques on every body over the next policy step, (num_robots, TICKS_PER_STEP, num_bodies,
-            6), world frame at the body's CoM [N, Nm]; the caller writes and clears it.
+        wrench: forces and torques on every body (`Robot.body_names`) over the next policy step, (num_robots,
+            TICKS_PER_STEP, num_bodies, 6), world frame at the body's CoM [N, Nm]; the caller writes and clears it.
         joint_targets: of the next policy step, (num_robots, TICKS_PER_STEP, num_joints) [rad]; the caller writes them.
         diverged: bool (num_robots,), who became non-finite since the last policy step began (with its first tick) and
             was put back to its default state.
@@ -55,11 +57,10 @@ class MujocoEngine:
     def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0, domain: DomainParameters = NOMINAL_DOMAIN):
         self.robot = robot
         self.num_robots = num_robots
-        self.model = robot.model(domain)
+        self.model = _model_with_sensors(robot, domain)
         self._num_substeps = round(domain.physics_hz / CONTROL_HZ)
         self._floor_normal = _z_axis(self.model.geom(FLOOR).quat)
         self.batch = Batch(self.model, num_robots, nthread=num_threads)
-        self.layout = sensor_layout(self.model)
         self._qpos = self.batch.bind("qpos")
         self._qvel = self.batch.bind("qvel")
         self._bound = {name: self.batch.bind(name) for name in _AT_REST}
@@ -69,7 +70,9 @@ class MujocoEngine:
         self._control = np.zeros((num_robots, TICKS_PER_STEP, num_controls))
         self.joint_targets = self._control[..., : self.model.nu]
         wrench = self._control[..., self.model.nu :]
-        self.wrench = wrench.reshape(num_robots, TICKS_PER_STEP, self.model.nbody, 6)
+        self.wrench = wrench.reshape(num_robots, TICKS_PER_STEP, self.model.nbody, 6)[
+            :, :, 1:
+        ]  # the world is not pushed
         self.diverged = np.zeros(num_robots, bool)
         self.num_diverged = 0
         self._warnings = np.zeros(num_robots, np.int64)
@@ -112,7 +115,7 @@ class MujocoEngine:
 
     def read(self, ids: np.ndarray) -> StepRecord:
         """One tick (n, 1, ...) of robots `ids`: their state at the last reset or at the last physics step."""
-        return StepRecord(self.robot, self.layout, self._sensordata[ids][:, None])
+        return StepRecord(self.robot, self._sensordata[ids][:, None])
 
     def step(self, ids: np.ndarray | None = None, ticks: slice = WHOLE_STEP) -> StepRecord:
         """Advance robots under what `joint_targets` and `wrench` hold for them.
@@ -127,7 +130,7 @@ class MujocoEngine:
         """
         record = self.advance(ids, ticks)
         self._find_diverged(record, ids, begins=not ticks.start)
-        return StepRecord(self.robot, self.layout, record)
+        return StepRecord(self.robot, record)
 
     def advance(self, ids: np.ndarray | None = None, ticks: slice = WHOLE_STEP) -> np.ndarray:
         """Advance robots as `step` does, without a look for non-finite numbers: the bare physics.
@@ -187,10 +190,10 @@ class MujocoEngine:
         self._control[:] = other._control
 
 
-def sensor_layout(model: mujoco.MjModel) -> dict[str, slice]:
-    """Sensor name -> its columns in `sensordata`."""
-    sensors = (model.sensor(i) for i in range(model.nsensor))
-    return {s.name: slice(int(s.adr[0]), int(s.adr[0] + s.dim[0])) for s in sensors}
+def _model_with_sensors(robot: Robot, domain: DomainParameters) -> mujoco.MjModel:
+    spec = robot.build()
+    add_sensors(spec, robot)
+    return compile_model(spec, domain)
 
 
 def _quaternion(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:

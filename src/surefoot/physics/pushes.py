@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.rates import CONTROL_DT, TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 PUSH_DURATION = 0.12
 """The paper's push: a constant force for 0.12 s."""

@@ -5,6 +5,7 @@ Quantities are in the world frame and in SI units unless their name says otherwi
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from functools import cached_property
 from typing import overload
@@ -12,11 +13,33 @@ from typing import overload
 import numpy as np
 
 from surefoot.physics import balance
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
-# The layout of a contact sensor with data="found force torque pos".
 _FOUND, _FORCE, _POINT = 0, slice(1, 4), slice(7, 10)
-# Neighbours in the MJCF file, after the root position: three velocities, then positions.
+"""Columns of a foot's contact: number of contacts, force, torque, pressure centre; world frame."""
+_BODY_QUANTITIES = {
+    "root_orientation": 4,
+    "root_forward": 3,
+    "root_up": 3,
+    "torso_up": 3,
+    "root_position": 3,
+    "root_velocity": 3,
+    "root_angular_velocity": 3,
+    "com_velocity": 3,
+    "com_position": 3,
+    "torso_position": 3,
+    "left_sole_position": 3,
+    "right_sole_position": 3,
+    "angular_momentum": 3,
+    "left_foot_orientation": 4,
+    "right_foot_orientation": 4,
+    "left_foot_contact": 10,
+    "right_foot_contact": 10,
+    "ground_contact": 1,
+}
+"""What follows the joints in the record: number of columns by quantity. Neighbours are read as one block."""
+
+# Neighbours in the record, after the root position: three velocities, then positions.
 HEADING_BLOCK = (
     "root_velocity",
     "root_angular_velocity",
@@ -34,19 +57,37 @@ _FROM_ROOT = np.kron(
 )
 
 
-class StepRecord:
-    """Named quantities of some ticks of some robots: arrays (num_robots, num_ticks, ...), computed when asked for."""
+@functools.cache
+def record_layout(robot: Robot) -> dict[str, slice]:
+    """Quantity -> its columns in the record of a tick; the same for every engine."""
+    joints = dict.fromkeys(("joint_position", "joint_velocity", "joint_torque"), robot.num_joints)
+    sizes = joints | _BODY_QUANTITIES
+    ends = np.cumsum(list(sizes.values())).tolist()
+    return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
-    def __init__(self, robot: Robot, layout: dict[str, slice], record: np.ndarray):
+
+def record_size(robot: Robot) -> int:
+    """Number of columns of the record of a tick."""
+    return max(columns.stop for columns in record_layout(robot).values())
+
+
+class StepRecord:
+    """Named quantities of some ticks of some robots: arrays (num_robots, num_ticks, ...), computed when asked for.
+
+    Args:
+        record: (num_robots, num_ticks, `record_size`) float64, laid out as `record_layout` says.
+    """
+
+    def __init__(self, robot: Robot, record: np.ndarray):
         self.robot = robot
         self.record = record
-        self._layout = layout
+        self._layout = record_layout(robot)
 
     @classmethod
     def join(cls, records: Sequence[StepRecord]) -> StepRecord:
         """Copy records of the same robots, one after the other in time, into one."""
         first = records[0]
-        return cls(first.robot, first._layout, np.concatenate([part.record for part in records], axis=1))
+        return cls(first.robot, np.concatenate([part.record for part in records], axis=1))
 
     @overload
     def __getitem__(self, key: str) -> np.ndarray: ...
@@ -58,20 +99,15 @@ class StepRecord:
         """The values (num_robots, num_ticks, size) of a sensor by its name, or the record of some of the robots."""
         if isinstance(key, str):
             return self.record[..., self._layout[key]]
-        return StepRecord(self.robot, self._layout, self.record[key])
+        return StepRecord(self.robot, self.record[key])
 
     def ticks(self, ticks: slice) -> StepRecord:
         """The record of some of the ticks."""
-        return StepRecord(self.robot, self._layout, self.record[:, ticks])
+        return StepRecord(self.robot, self.record[:, ticks])
 
     def copy(self) -> StepRecord:
         """The same record in memory of its own."""
-        return StepRecord(self.robot, self._layout, self.record.copy())
-
-    def _joints(self, quantity: str) -> np.ndarray:
-        names = self.robot.joint_names
-        first, last = self._layout[f"{names[0]}_{quantity}"], self._layout[f"{names[-1]}_{quantity}"]
-        return self.record[..., first.start : last.stop]
+        return StepRecord(self.robot, self.record.copy())
 
     def _feet(self, quantity: str) -> np.ndarray:
         """Both feet's values of a quantity, (num_robots, num_ticks, 2, size): left, right."""
@@ -84,21 +120,22 @@ class StepRecord:
     @property
     def joint_state(self) -> np.ndarray:
         """Positions [rad], then velocities [rad/s]: (num_robots, num_ticks, 2 * num_joints)."""
-        names = self.robot.joint_names
-        first, last = self._layout[f"{names[0]}_position"], self._layout[f"{names[-1]}_velocity"]
-        return self.record[..., first.start : last.stop]
+        return self.record[..., : self._layout["joint_velocity"].stop]
 
-    @cached_property
+    @property
     def joint_position(self) -> np.ndarray:
-        return self._joints("position")
+        """[rad]."""
+        return self["joint_position"]
 
-    @cached_property
+    @property
     def joint_velocity(self) -> np.ndarray:
-        return self._joints("velocity")
+        """[rad/s]."""
+        return self["joint_velocity"]
 
-    @cached_property
+    @property
     def joint_torque(self) -> np.ndarray:
-        return self._joints("torque")
+        """Of the motors [Nm]."""
+        return self["joint_torque"]
 
     @cached_property
     def joint_power(self) -> np.ndarray:

@@ -7,7 +7,7 @@ import functools
 import mujoco
 import numpy as np
 
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 REFERENCE_HEIGHT = 1.9
 """The lengths in pictures and on the live page are chosen for a robot of this height [m]."""

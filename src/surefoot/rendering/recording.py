@@ -16,7 +16,7 @@ from surefoot.evaluation.trials import Trial, TrialSource, draws, run_trials
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ
 from surefoot.rendering.moment import Moment
-from surefoot.robots.robot import Robot, load_robot
+from surefoot.robots import Robot, load_robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,13 @@ import mujoco
 import numpy as np
 
 from surefoot.errors import UserError
-from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.physics.pushes import Push
 from surefoot.rendering.framing import scale_of, visible_geoms
 from surefoot.rendering.moment import Moment
 from surefoot.rendering.opengl import gl_backend
-from surefoot.robots.robot import FLOOR, Robot
+from surefoot.robots import Robot
+from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.robots.model import FLOOR
 
 LARGEST = (1920, 1080)
 """Width and height of the largest picture [pixels]."""
@@ -158,7 +159,7 @@ class Renderer:
 
     def _mark_push(self, push: Push, color: tuple[float, ...]) -> None:
         direction = np.array(push.direction)
-        tip = self._data.xipos[self.robot.body_id(push.body)] - _BODY_RADIUS * self._scale * direction
+        tip = self._data.body(self.robot.pushed_body(push.body)).xipos - _BODY_RADIUS * self._scale * direction
         tail = tip - direction * push.impulse / push.duration * self._force_length
         self._connect(mujoco.mjtGeom.mjGEOM_ARROW, 0.035, tail, tip, color, nearer=True)
 

@@ -18,7 +18,7 @@ from surefoot.evaluation.threshold_search import NUM_SAMPLED, NUM_WHOLE, Thresho
 from surefoot.evaluation.trials import Trial
 from surefoot.report import tables
 from surefoot.report.tables import Fixed
-from surefoot.robots.robot import Robot, load_robot
+from surefoot.robots import Robot, load_robot
 
 LARGEST = "largest sagittal push"
 SHANK = "push at the shank"

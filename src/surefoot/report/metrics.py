@@ -12,7 +12,7 @@ from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
 from surefoot.report.tables import by_scenario, capture_point_bound, has_main_directions
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 PUSHES = ("root_push", "root_push_no_step", "torso_push", "thigh_push", "shank_push")
 QUIET_AFTER = "quiet_after_"

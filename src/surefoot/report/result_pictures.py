@@ -13,7 +13,7 @@ from surefoot.rendering.image_files import save_picture
 from surefoot.rendering.recording import record
 from surefoot.rendering.strip import filmstrip
 from surefoot.report import paper, plots, tables
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 STRIP_SEED = 0
 

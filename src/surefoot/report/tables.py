@@ -19,7 +19,7 @@ from surefoot.evaluation.trials import Trial
 from surefoot.physics import balance
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.report import paper
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 Fixed = Mapping[str, Mapping[Trial, Outcome]]
 """Outcomes of the scenarios in which nothing is searched, by scenario and trial."""

@@ -18,7 +18,8 @@ from surefoot.physics.step_record import StepRecord, roll_pitch
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
 from surefoot.rendering.moment import Moment
 from surefoot.rendering.recording import Recording
-from surefoot.robots.robot import FLOOR, Robot, load_robot
+from surefoot.robots import Robot, load_robot
+from surefoot.robots.model import FLOOR
 
 STRIDE = 10
 """Curves show every tenth tick: 50 Hz."""

@@ -1,42 +1,66 @@
-"""Robot: what every other module knows of a machine, read from its compiled model."""
+"""Robot: what every other module knows of a machine."""
 
 from __future__ import annotations
 
 import functools
-import importlib
-import importlib.resources
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
 from surefoot.errors import UserError
-from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.robots.geometry import reference_data
+from surefoot.robots.model import SOLES, compile_model
 
-ROBOTS = ("valkyrie",)
+FEET = ("left", "right")
+"""The order of the feet, wherever there are two of something."""
 
-
-FEET = ("left_foot", "right_foot")
-
-
-FLOOR = "floor"
-
-
-# Where the compiler puts the parameters of a `dcmotor` in `actuator_gainprm`.
-_MOTOR_CONSTANT, _STIFFNESS, _DAMPING, _MAX_VOLTAGE = 1, 4, 6, 7
+GRID_FORCE = 50.0 / 137.287494
+"""Force per mass from one cell of the grid of impulses to the next [N/kg]: the paper's 50 N on its robot."""
+STEP_SHARE = 0.03 / 0.986129
+"""A foot that moves by more than this share of the leg's length has stepped."""
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A position-controlled humanoid: joints in the order of its actuators, feet with box soles.
+    """A position-controlled humanoid with two feet, read from its description.
 
-    Arrays over joints are (num_joints,) float64 in the actuators' order, in rad, Nm, Nm/rad and Nms/rad.
+    Arrays over joints are (num_joints,) float64 in the order of the kinematic tree, in rad, Nm, Nm/rad and Nms/rad.
+
+    Attributes:
+        name: by which it is loaded: a shipped robot's, or the path of its description.
+        title: how people call it.
+        build: makes a new MuJoCo specification of the model, floor and motors included.
+        joint_names: controlled joints; every other joint is welded.
+        joint_groups: for each joint, the name that it shares with its mirror image.
+        joint_lower, joint_upper: ranges.
+        stiffness, damping: of the joint impedance.
+        torque_limit, velocity_limit: of the motors; the latter in rad/s.
+        poses: named nominal poses, (num_joints,) joint angles.
+        default_pose: name of the one that is used where none is asked for.
+        root: name of the floating body.
+        torso: name of the body that is kept upright.
+        body_names: all moving bodies, the root first; a wrench's body is an index into them.
+        pushable: word -> body that may be pushed under it; "root" is always one of the words.
+        feet: bodies of the left and of the right foot.
+        sole_half_size: half length (x) and half width (y) of a sole [m].
+        leg_length: from the hip's first joint to the sole [m].
+        mass: [kg].
+        gravity: [m/s^2].
+        load_unit: unit of the foot forces in the observation [N].
+        mirror_source, mirror_sign: a mirrored vector over the joints is ``mirror_sign * vector[mirror_source]``.
+        body_mirror: body -> its mirror image.
+        is_symmetric: False if the description waives the mirror.
     """
 
     name: str
-    xml: str
-    """The MJCF text."""
+    title: str
+    build: Callable[[], mujoco.MjSpec] = field(repr=False)
     joint_names: tuple[str, ...]
+    joint_groups: tuple[str, ...]
     joint_lower: np.ndarray
     joint_upper: np.ndarray
     stiffness: np.ndarray
@@ -44,21 +68,25 @@ class Robot:
     torque_limit: np.ndarray
     velocity_limit: np.ndarray
     poses: dict[str, np.ndarray]
-    """Named nominal poses, (num_joints,) joint angles [rad]."""
+    default_pose: str
     root: str
-    """The floating body."""
-    body_ids: dict[str, int]
-    """Pushable bodies by name -> MuJoCo body id."""
+    torso: str
+    body_names: tuple[str, ...]
+    pushable: dict[str, str]
+    feet: tuple[str, str]
     sole_half_size: np.ndarray
-    """Half length (x) and half width (y) of a sole [m]."""
+    leg_length: float
     mass: float
     gravity: float
+    load_unit: float
     mirror_source: np.ndarray
-    """Joints in the mirror: a mirrored vector over the joints is ``mirror_sign * vector[mirror_source]``."""
     mirror_sign: np.ndarray
+    body_mirror: dict[str, str]
+    is_symmetric: bool = True
 
     @property
     def num_joints(self) -> int:
+        """How many joints are controlled."""
         return len(self.joint_names)
 
     @property
@@ -66,22 +94,44 @@ class Robot:
         """Weight [N]; standing still, each foot carries half of it."""
         return self.mass * self.gravity
 
+    @property
+    def impulse_step(self) -> float:
+        """From one cell of the grid of impulses to the next [Ns]: a whole newton for 0.12 s, scaled by the mass."""
+        return round(max(round(GRID_FORCE * self.mass), 1) * 0.12, 9)
+
+    @property
+    def step_length(self) -> float:
+        """A foot that moves farther has stepped [m]; scaled by the leg's length, rounded to a millimetre."""
+        return round(STEP_SHARE * self.leg_length, 3)
+
+    @functools.cached_property
+    def standing_height(self) -> float:
+        """Height of the highest body's frame above the soles, joints at zero [m]: by which pictures are framed."""
+        model = self.model()
+        data = reference_data(model)
+        soles = [data.site(name).xpos[2] for name in SOLES]
+        return float(max(data.geom_xpos[1:, 2].max(), data.xpos[:, 2].max()) - min(soles))
+
+    def _lateral_place(self, body: str) -> float:
+        model = self.model()
+        return float(reference_data(model).xpos[model.body(body).id, 1])
+
+    @functools.cached_property
+    def fingerprint(self) -> str:
+        """Names the physical facts of the model: equal for two robots that move alike, whatever they look like."""
+        model = self.model()
+        text = [*self.joint_names, *self.body_names]
+        for part in _PHYSICAL:
+            values = np.asarray(getattr(model, part), float).ravel()
+            text.append(part + ",".join(f"{value + 0.0:.9g}" for value in values))
+        option = model.opt
+        text += [f"{option.timestep:.9g}", f"{option.impratio:.9g}", str(option.gravity), str(option.disableflags)]
+        text += [str(int(value)) for value in (option.integrator, option.cone, option.solver, option.iterations)]
+        return hashlib.sha256("\n".join(text).encode()).hexdigest()[:12]
+
     def model(self, domain: DomainParameters = NOMINAL_DOMAIN, *, visual: bool = False) -> mujoco.MjModel:
         """Compile the model; without `visual`, shapes that are only looked at are left out (same physics, faster)."""
-        spec = mujoco.MjSpec.from_string(self.xml)
-        spec.compiler.discardvisual = not visual
-        model = spec.compile()
-        if domain == NOMINAL_DOMAIN:
-            return model
-        model.geom_friction[:, 0] *= domain.friction
-        model.body_mass *= domain.mass_scale
-        model.body_inertia *= domain.mass_scale
-        model.actuator_forcerange *= domain.motor_strength
-        axis = np.array([np.sin(domain.uphill), -np.cos(domain.uphill), 0.0])
-        mujoco.mju_axisAngle2Quat(model.geom_quat[model.geom(FLOOR).id], axis, domain.slope)
-        model.opt.timestep = 1.0 / domain.physics_hz
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-        return model
+        return compile_model(self.build(), domain, visual=visual)
 
     def lever_arm(self, pose: np.ndarray, body: str, lever: float) -> float:
         """Height above a body's CoM [m] of a point `lever` above the robot's CoM, in a pose (num_joints,) [rad].
@@ -94,74 +144,65 @@ class Robot:
         data.qpos[7:] = pose
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        return float(data.subtree_com[model.body(self.root).id, 2] + lever - data.xipos[self.body_id(body), 2])
+        place = data.xipos[model.body(self.pushed_body(body)).id, 2]
+        return float(data.subtree_com[model.body(self.root).id, 2] + lever - place)
 
-    def pose(self, name: str) -> np.ndarray:
-        """Joint angles (num_joints,) [rad] of a named pose.
+    def pose(self, name: str = "") -> np.ndarray:
+        """Joint angles (num_joints,) [rad] of a named pose; of the default one without a name.
 
         Raises:
             UserError: the robot has no pose of that name.
         """
+        name = name or self.default_pose
         if name not in self.poses:
             raise UserError(f"unknown pose '{name}' of {self.name}; valid: {', '.join(self.poses)}")
         return self.poses[name]
 
-    def body_id(self, name: str) -> int:
-        """MuJoCo body id of a pushable body.
+    def pushed_body(self, word: str) -> str:
+        """The body that is pushed under a word.
 
         Raises:
-            UserError: the robot has no pushable body of that name.
+            UserError: the robot has no such pushable body.
         """
-        if name not in self.body_ids:
-            raise UserError(f"unknown body '{name}' of {self.name}; valid: {', '.join(self.body_ids)}")
-        return self.body_ids[name]
+        if word not in self.pushable:
+            raise UserError(f"unknown body '{word}' of {self.name}; valid: {', '.join(self.pushable)}")
+        return self.pushable[word]
+
+    def body_id(self, word: str) -> int:
+        """Index into `body_names` of a pushable body.
+
+        Raises:
+            UserError: the robot has no such pushable body.
+        """
+        return self.body_names.index(self.pushed_body(word))
+
+    def side(self, word: str) -> int:
+        """1 for a pushable body on the left, -1 for one on the right, 0 in the middle.
+
+        Raises:
+            UserError: the robot has no such pushable body.
+        """
+        body = self.pushed_body(word)
+        if self.body_mirror.get(body, body) == body:
+            return 0
+        return 1 if self._lateral_place(body) > 0.0 else -1
+
+    def mirror_body(self, word: str) -> str:
+        """The pushable body that is the mirror image of a pushable one; itself for a body in the middle.
+
+        Raises:
+            UserError: the robot has no such pushable body.
+        """
+        body = self.pushed_body(word)
+        image = self.body_mirror.get(body, body)
+        return next((other for other, its in self.pushable.items() if its == image and image != body), word)
 
 
-@functools.cache
-def load_robot(name: str = "valkyrie") -> Robot:
-    """Read a robot by name.
-
-    Raises:
-        UserError: no robot of that name is shipped.
-    """
-    if name not in ROBOTS:
-        raise UserError(f"unknown robot '{name}'; valid: {', '.join(ROBOTS)}")
-    xml = (importlib.resources.files("surefoot.robots") / name / f"{name}.xml").read_text()
-    facts = importlib.import_module(f"surefoot.robots.{name}")
-    model = mujoco.MjModel.from_xml_string(xml)
-    joint_ids = model.actuator_trnid[:, 0]
-    joint_names = tuple(model.joint(i).name for i in joint_ids)
-    motor = model.actuator_gainprm
-    return Robot(
-        name=name,
-        xml=xml,
-        joint_names=joint_names,
-        joint_lower=model.jnt_range[joint_ids, 0].copy(),
-        joint_upper=model.jnt_range[joint_ids, 1].copy(),
-        stiffness=motor[:, _STIFFNESS].copy(),
-        damping=motor[:, _DAMPING].copy(),
-        torque_limit=model.actuator_forcerange[:, 1].copy(),
-        velocity_limit=motor[:, _MAX_VOLTAGE] / motor[:, _MOTOR_CONSTANT],
-        poses={pose: _joint_angles(joint_names, groups) for pose, groups in facts.POSES.items()},
-        root=facts.ROOT,
-        body_ids={"root": model.body(facts.ROOT).id}
-        | {word: model.body(body).id for word, body in facts.PUSHABLE_BODIES.items()},
-        sole_half_size=model.geom(FEET[0]).size[:2].copy(),
-        mass=float(model.body_mass.sum()),
-        gravity=float(-model.opt.gravity[2]),
-        mirror_source=np.array([joint_names.index(_other_side(n)) for n in joint_names]),
-        mirror_sign=np.array([-1.0 if n.endswith("roll") else 1.0 for n in joint_names]),
-    )
-
-
-def joint_group(joint: str) -> str:
-    """The joint's name without its side: ``left_knee_pitch`` -> ``knee_pitch``."""
-    return joint.removeprefix("left_").removeprefix("right_")
-
-
-def _joint_angles(joint_names: tuple[str, ...], groups: dict[str, float]) -> np.ndarray:
-    return np.array([groups.get(joint_group(name), 0.0) for name in joint_names])
-
-
-def _other_side(name: str) -> str:
-    return name.replace("left", "?").replace("right", "left").replace("?", "right")
+_PHYSICAL = (
+    *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "body_parentid"),
+    *("jnt_type", "jnt_axis", "jnt_pos", "jnt_range", "jnt_limited", "dof_damping", "dof_armature", "dof_frictionloss"),
+    *("geom_type", "geom_size", "geom_pos", "geom_quat", "geom_bodyid", "geom_contype", "geom_conaffinity"),
+    *("geom_friction", "geom_condim", "geom_solref", "geom_solimp", "geom_margin", "geom_gap"),
+    *("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange", "exclude_signature"),
+)
+"""Arrays of a compiled model on which motion depends; shapes that are only looked at are not compiled in."""

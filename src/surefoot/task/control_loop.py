@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from surefoot.errors import UserError
-from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.pushes import Pushes
 from surefoot.physics.signals import Delay, LowPass, Noise, cubic_path
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
+from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.task import observation
 from surefoot.task.imperfections import PERFECT, Imperfections
 

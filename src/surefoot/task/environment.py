@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from surefoot.rates import CONTROL_HZ, POLICY_HZ
-from surefoot.robots.robot import load_robot
+from surefoot.robots import load_robot
 from surefoot.task import observation, reward
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.imperfections import Imperfections

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 NUM_SECTORS = 16
 """Directions are counted in sectors that are centred on the main directions, counter-clockwise from +x."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from surefoot.physics.step_record import HEADING_BLOCK, StepRecord
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 FOOT_FORCE_UNIT = 800.0
 

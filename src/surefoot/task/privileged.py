@@ -12,7 +12,7 @@ import numpy as np
 
 from surefoot.physics.pushes import Pushes
 from surefoot.rates import CONTROL_HZ
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 IMPULSE_UNIT = 200.0
 """[Ns]."""
@@ -43,11 +43,11 @@ class Foresight:
     """
 
     def __init__(self, robot: Robot, nominal: np.ndarray):
-        self._height = np.zeros(max(robot.body_ids.values()) + 1)
+        self._height = np.zeros(len(robot.body_names))
         self._side = np.zeros_like(self._height)
-        for (name, body), height in zip(robot.body_ids.items(), _heights(robot, tuple(nominal)), strict=True):
-            self._height[body] = height / LEVER_UNIT
-            self._side[body] = name.startswith("left") - name.startswith("right")
+        for name, height in zip(robot.pushable, _heights(robot, tuple(nominal)), strict=True):
+            self._height[robot.body_id(name)] = height / LEVER_UNIT
+            self._side[robot.body_id(name)] = robot.side(name)
 
     def next_push(self, pushes: Pushes, lifts: Pushes, tick: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """The pushes to come or under way.
@@ -77,7 +77,7 @@ class Foresight:
 @functools.cache
 def _heights(robot: Robot, pose: tuple[float, ...]) -> list[float]:
     """Heights of the pushable bodies' CoMs above the robot's [m]."""
-    return [-robot.lever_arm(np.array(pose), name, 0.0) for name in robot.body_ids]
+    return [-robot.lever_arm(np.array(pose), name, 0.0) for name in robot.pushable]
 
 
 def _weight(pushes: Pushes, tick: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

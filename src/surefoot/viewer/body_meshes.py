@@ -10,7 +10,7 @@ import trimesh
 from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 FINE, COARSE = 28, 14
 """Segments per turn of the shapes of a few robots and of a crowd; the model's own 40 to 60 are for pictures."""
@@ -22,7 +22,9 @@ _METALLIC = 0.6
 def visual_model(robot: Robot, *, coarse: bool = False) -> mujoco.MjModel:
     """The model with all that is looked at, in a third of its triangles; `coarse` has a tenth."""
     segments = COARSE if coarse else FINE
-    xml = re.sub(r'(builtin="(?:supersphere|cone|supertorus)" params=")\d+', rf"\g<1>{segments}", robot.xml)
+    xml = re.sub(
+        r'(builtin="(?:supersphere|cone|supertorus)" params=")\d+', rf"\g<1>{segments}", robot.build().to_xml()
+    )
     return mujoco.MjModel.from_xml_string(xml)
 
 

@@ -8,7 +8,7 @@ import viser
 
 from surefoot.physics.step_record import StepRecord
 from surefoot.rendering.moment import Moment
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.viewer.body_meshes import body_glbs, visual_model
 from surefoot.viewer.session import Session
 from surefoot.viewer.verdict import State
@@ -49,7 +49,7 @@ class BrowserScene:
         see_through: draw the robots so that the marks inside them are seen.
 
     Attributes:
-        bodies: handles by MuJoCo body id, one instance per robot: to listen to the mouse.
+        bodies: handles by index into `Robot.body_names`, one instance per robot: to listen to the mouse.
         places: where each robot stands when it has not moved (num_robots, 3) [m].
         offset: of the world in the browser [m], by which the camera follows a robot.
     """
@@ -67,12 +67,12 @@ class BrowserScene:
         self._add_floor()
         still = np.tile([1.0, 0.0, 0.0, 0.0], (num_robots, 1)), self.places
         self.bodies = {
-            body: server.scene.add_batched_glb(f"{_ROOT}/body_{body}", glb, *still, lod="off")
+            body - 1: server.scene.add_batched_glb(f"{_ROOT}/body_{body}", glb, *still, lod="off")
             for body, glb in body_glbs(self._model, 0.35 if see_through else 1.0).items()
         }
         self._xpos = np.zeros((self._model.nbody, num_robots, 3))
         self._xquat = np.zeros((self._model.nbody, num_robots, 4))
-        self._pushed = np.zeros((self._model.nbody, num_robots, 3))
+        self._pushed = np.zeros((self._model.nbody - 1, num_robots, 3))
         self._marks = Marks(server, num_robots)
 
     def draw(self, session: Session, tick: int, watched: int, follow: bool) -> None:
@@ -84,8 +84,8 @@ class BrowserScene:
         with self._server.atomic():
             self._world.position = self.offset
             for body, handle in self.bodies.items():
-                handle.batched_positions = self._xpos[body].astype(np.float32)
-                handle.batched_wxyzs = self._xquat[body].astype(np.float32)
+                handle.batched_positions = self._xpos[1 + body].astype(np.float32)
+                handle.batched_wxyzs = self._xquat[1 + body].astype(np.float32)
             everyone = np.arange(self.num_robots)
             self._marks.show_pushes(
                 centers=np.concatenate([self._pushed[pushes.body, everyone] for pushes in session.pushes]),
@@ -121,7 +121,7 @@ class BrowserScene:
             mujoco.mj_kinematics(self._model, self._data)
             self._xpos[:, robot] = self._data.xpos + self.places[robot]
             self._xquat[:, robot] = self._data.xquat
-            self._pushed[:, robot] = self._data.xipos + self.places[robot]
+            self._pushed[:, robot] = self._data.xipos[1:] + self.places[robot]
 
     def _move_world(self, root: np.ndarray, watched: int, follow: bool) -> None:
         # The world moves, not the camera: who orbits it is not disturbed.

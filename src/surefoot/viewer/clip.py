@@ -16,7 +16,7 @@ from surefoot.rates import POLICY_DT, POLICY_HZ
 from surefoot.rendering.image_files import write_film
 from surefoot.rendering.moment import Moment
 from surefoot.rendering.renderer import Renderer
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.viewer.session import Session
 
 SECONDS = 8.0
@@ -75,5 +75,5 @@ def save_clip(path: Path, robot: Robot, shots: tuple[Shot, ...]) -> None:
 
 def _pushable(robot: Robot, body: int) -> str:
     """The name of a body, or of the next pushable one above it in the tree (body ids count downwards)."""
-    names = {number: name for name, number in robot.body_ids.items()}
-    return next(names[number] for number in range(body, 0, -1) if number in names)
+    names = {robot.body_id(name): name for name in robot.pushable}
+    return next(names[number] for number in range(body, -1, -1) if number in names)

@@ -66,7 +66,7 @@ class Controls:
 
     def _add_pushes(self) -> None:
         page, gui = self._page, self._gui
-        bodies = [name.replace("_", " ") for name in page.player.session.robot.body_ids]
+        bodies = [name.replace("_", " ") for name in page.player.session.robot.pushable if name != "root"]
         self._body = gui.add_dropdown("Body", bodies, initial_value="root")
         self._angle = gui.add_slider(
             "Direction",

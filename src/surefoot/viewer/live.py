@@ -11,7 +11,7 @@ from viser import uplot
 
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import POLICY_HZ
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 from surefoot.viewer.browser_scene import CAPTURED, COM, ESCAPED, FORCE, PRESSURE, PUSH, STATE_COLORS, SUPPORT
 from surefoot.viewer.session import Session
 from surefoot.viewer.verdict import State

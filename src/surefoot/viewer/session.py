@@ -13,7 +13,7 @@ from surefoot.evaluation.trials import JOINT_NOISE
 from surefoot.physics.pushes import Push, Pushes
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
-from surefoot.robots.robot import load_robot
+from surefoot.robots import load_robot
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.imperfections import Imperfections
 from surefoot.viewer.verdict import State, Verdicts

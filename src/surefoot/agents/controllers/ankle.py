@@ -6,7 +6,7 @@ import numpy as np
 
 from surefoot.agents.controllers.controller import Command, State
 from surefoot.agents.controllers.inverse_dynamics import InverseDynamics, Motion, clip_to_support
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 GAIN = 3.0
 """How fast the capture point comes back while the pressure centre is inside the soles [1/s]."""

@@ -11,7 +11,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from surefoot.agents.controllers.controller import State
-from surefoot.robots.robot import FEET, Robot
+from surefoot.robots import Robot
 
 _SOLES = ("left_sole", "right_sole")
 
@@ -43,7 +43,7 @@ class Body:
         self._fields = {name: self._batch.bind(name) for name in fields}
         self._root = model.body(robot.root).id
         self._sites = [model.site(name).id for name in _SOLES]
-        self._chains = np.array([_moves(model, model.body(foot).id) for foot in FEET], float)
+        self._chains = np.array([_moves(model, model.body(foot).id) for foot in robot.feet], float)
         row = np.repeat(np.arange(model.nv), model.M_rownnz)
         self._entry = np.zeros((model.nv, model.nv), np.int64)
         self._entry[row, model.M_colind] = self._entry[model.M_colind, row] = np.arange(model.nC)

@@ -14,7 +14,7 @@ from surefoot.agents.contract import Contract
 from surefoot.agents.controllers.step_times import StepTimes
 from surefoot.errors import UserError
 from surefoot.rates import CONTROL_HZ, POLICY_HZ
-from surefoot.robots.robot import Robot, load_robot
+from surefoot.robots import Robot, load_robot
 
 RATES_HZ = tuple(rate for rate in range(POLICY_HZ, CONTROL_HZ + 1) if CONTROL_HZ % rate == 0)
 """At which a controller may run: 25, 50, 100, 125, 250 and 500 Hz."""

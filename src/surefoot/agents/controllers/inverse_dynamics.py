@@ -13,7 +13,7 @@ import numpy as np
 
 from surefoot.agents.controllers.body import Body, cross
 from surefoot.agents.controllers.controller import State
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 # Weights of the tasks' squared errors: feet that bear stay, then the pressure centre, then posture.
 _STANCE, _PRESSURE, _HEIGHT, _ATTITUDE, _TORSO, _SWING, _POSTURE = 1e3, 1e3, 10.0, 30.0, 3.0, 30.0, 1e-3

@@ -12,11 +12,11 @@ from types import FrameType
 import numpy as np
 
 from surefoot.agents.controllers.controller import Command, ControllerAgent, State
-from surefoot.physics.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.physics.signals import Delay, LowPass
 from surefoot.physics.step_record import StepRecord, roll_pitch
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
+from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.task import observation
 from surefoot.task.control_loop import ControlLoop
 

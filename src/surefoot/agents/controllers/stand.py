@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from surefoot.agents.controllers.controller import Command, State
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 
 class Stand:

@@ -16,7 +16,7 @@ from surefoot.agents.controllers.stepping import (
     Situation,
     Stepping,
 )
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 STEP_S, NUM_STEPS = 0.02, 30
 """The horizon: 0.6 s."""

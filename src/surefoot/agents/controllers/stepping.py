@@ -10,7 +10,7 @@ import numpy as np
 from surefoot.agents.controllers.ankle import EDGE, GAIN, Ankle
 from surefoot.agents.controllers.controller import State
 from surefoot.agents.controllers.inverse_dynamics import Motion, clip_to_support
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 INSET = 0.02
 """On one foot the pressure centre stays so far inside the sole's border [m]."""

@@ -7,7 +7,7 @@ import numpy as np
 from surefoot.agents.controllers.ankle import EDGE, Ankle
 from surefoot.agents.controllers.controller import State
 from surefoot.agents.controllers.linear_mpc import CartTable, QuadraticPrograms
-from surefoot.robots.robot import Robot
+from surefoot.robots import Robot
 
 NUM_STEPS, STEP_S = 24, 0.05
 """The horizon: 1.2 s."""

@@ -1,0 +1,214 @@
+"""Description: what a TOML file says of a robot that its MJCF file does not, checked key by key."""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from surefoot.errors import UserError
+
+_KEYS = {
+    "model": str, "title": str, "root": str, "torso": dict, "feet": dict, "motors": dict, "held": dict, "poses": dict,
+    "default_pose": str, "pushable": dict, "load_unit": float, "floor": dict, "own_floor": str, "own_actuators": bool,
+    "symmetric": bool,
+}  # fmt: skip
+_NEEDED = ("model", "root", "feet", "motors", "poses")
+_T = TypeVar("_T")
+_WORDS = {str: "a text", dict: "a table", float: "a number", bool: "true or false"}
+
+
+@dataclass(frozen=True)
+class Motor:
+    """The joint law of a motor and its limits; None where the MJCF's own actuator says it.
+
+    Attributes:
+        stiffness: [Nm/rad].
+        damping: [Nms/rad].
+        torque: its limit [Nm].
+        speed: its limit [rad/s].
+        armature: reflected inertia, in place of the MJCF's [kg m^2].
+    """
+
+    stiffness: float | None = None
+    damping: float | None = None
+    torque: float | None = None
+    speed: float | None = None
+    armature: float | None = None
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The floor that is added to the model.
+
+    Attributes:
+        friction: sliding friction coefficient.
+        solref: MuJoCo's time constant [s] and damping ratio of its contacts.
+    """
+
+    friction: float = 1.0
+    solref: tuple[float, float] = (0.01, 1.0)
+
+
+@dataclass(frozen=True)
+class Description:
+    """A robot as its TOML file describes it. Joints are named exactly or by a pattern such as ``"*_hip_roll"``.
+
+    Attributes:
+        file: the TOML file, for errors.
+        model: path of the MJCF file.
+        title: how people call the robot.
+        root: the floating body.
+        torso: body that is kept upright.
+        torso_site: site that stands for the torso's position; the torso's CoM in the sagittal plane without it.
+        feet: bodies of the left and the right foot.
+        motors: joint name or pattern -> motor; these are the controlled joints, in the model's order.
+        held: joint name or pattern -> angle [rad] at which a joint that is not controlled is welded.
+        poses: name -> joint name or pattern -> angle [rad]; joints that are not named are at 0.
+        default_pose: name of the pose that is used where none is asked for.
+        pushable: word -> body that may be pushed under this word.
+        load_unit: unit of the foot forces in the observation [N]; 0.6 of the weight without it.
+        floor: of the model, unless `own_floor` is given.
+        own_floor: geom of the MJCF file that is the floor; otherwise planes in its world are removed.
+        own_actuators: motors take what they do not say from the MJCF's position actuators.
+        symmetric: the robot must be its own mirror image, left and right exchanged.
+    """
+
+    file: Path
+    model: Path
+    title: str
+    root: str
+    torso: str
+    torso_site: str
+    feet: tuple[str, str]
+    motors: Mapping[str, Motor]
+    held: Mapping[str, float]
+    poses: Mapping[str, Mapping[str, float]]
+    default_pose: str
+    pushable: Mapping[str, str]
+    load_unit: float | None = None
+    floor: Floor = field(default_factory=Floor)
+    own_floor: str = ""
+    own_actuators: bool = False
+    symmetric: bool = True
+
+    def motor(self, joint: str) -> Motor | None:
+        """The motor of a joint; None if it is not controlled."""
+        return lookup(self.motors, joint)
+
+
+def lookup(table: Mapping[str, _T], joint: str) -> _T | None:
+    """What a table says of a joint: by its name, else by the first pattern that fits."""
+    if joint in table:
+        return table[joint]
+    return next((value for pattern, value in table.items() if fnmatch.fnmatchcase(joint, pattern)), None)
+
+
+def read_description(file: Path) -> Description:
+    """Read a robot's TOML file.
+
+    Raises:
+        UserError: the file is missing, is not TOML, or has a wrong key or value; the message names it.
+    """
+    try:
+        values = tomllib.loads(file.read_text())
+    except OSError as error:
+        raise UserError(f"cannot read robot {file}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise UserError(f"cannot read robot {file}: {error}") from error
+    _check_keys(values, _KEYS, str(file), _NEEDED)
+    for key, value in values.items():
+        _check_kind(value, _KEYS[key], f"{file}: {key}")
+    model = file.parent / values["model"]
+    if not model.is_file():
+        raise UserError(f"{file}: there is no model file {model}")
+    torso = values.get("torso", {"body": values["root"]})
+    _check_texts(torso, f"{file}: torso", ("body", "site"), ("body",))
+    feet = values["feet"]
+    _check_texts(feet, f"{file}: feet", ("left", "right"), ("left", "right"))
+    poses = {name: _angles(pose, f"{file}: pose {name}") for name, pose in values["poses"].items()}
+    if not poses:
+        raise UserError(f"{file}: at least one pose is needed")
+    default_pose = values.get("default_pose", next(iter(poses)))
+    if default_pose not in poses:
+        raise UserError(f"{file}: unknown default_pose '{default_pose}'; valid: {', '.join(poses)}")
+    return Description(
+        file=file,
+        model=model,
+        title=values.get("title", file.stem),
+        root=values["root"],
+        torso=torso["body"],
+        torso_site=torso.get("site", ""),
+        feet=(feet["left"], feet["right"]),
+        motors={name: _motor(motor, f"{file}: motor {name}") for name, motor in values["motors"].items()},
+        held=_angles(values.get("held", {}), f"{file}: held"),
+        poses=poses,
+        default_pose=default_pose,
+        pushable=_texts(values.get("pushable", {}), f"{file}: pushable"),
+        load_unit=values.get("load_unit"),
+        floor=_floor(values.get("floor", {}), f"{file}: floor"),
+        own_floor=values.get("own_floor", ""),
+        own_actuators=values.get("own_actuators", False),
+        symmetric=values.get("symmetric", True),
+    )
+
+
+def _motor(values: Any, where: str) -> Motor:
+    _check_kind(values, dict, where)
+    _check_keys(values, dict.fromkeys(Motor.__annotations__, float), where)
+    for key, value in values.items():
+        if not _is_number(value) or value < 0.0:
+            raise UserError(f"{where}: {key} must be a number that is not negative, not {value}")
+    return Motor(**{key: float(value) for key, value in values.items()})
+
+
+def _floor(values: dict[str, Any], where: str) -> Floor:
+    _check_keys(values, {"friction": float, "solref": list}, where)
+    friction, solref = values.get("friction", Floor.friction), values.get("solref", list(Floor.solref))
+    if not _is_number(friction) or friction < 0.0:
+        raise UserError(f"{where}: friction must be a number that is not negative, not {friction}")
+    if not (isinstance(solref, list) and len(solref) == 2 and all(map(_is_number, solref))):
+        raise UserError(f"{where}: solref must be two numbers, not {solref}")
+    return Floor(float(friction), (float(solref[0]), float(solref[1])))
+
+
+def _angles(values: Any, where: str) -> dict[str, float]:
+    _check_kind(values, dict, where)
+    for joint, angle in values.items():
+        if not _is_number(angle):
+            raise UserError(f"{where}: the angle of {joint} must be a number [rad], not {angle}")
+    return {joint: float(angle) for joint, angle in values.items()}
+
+
+def _texts(values: dict[str, Any], where: str) -> dict[str, str]:
+    for key, value in values.items():
+        _check_kind(value, str, f"{where}: {key}")
+    return values
+
+
+def _check_texts(values: dict[str, Any], where: str, valid: Sequence[str], needed: Sequence[str]) -> None:
+    _check_keys(values, dict.fromkeys(valid, str), where, needed)
+    _texts(values, where)
+
+
+def _check_keys(values: dict[str, Any], valid: Mapping[str, object], where: str, needed: Sequence[str] = ()) -> None:
+    unknown = [key for key in values if key not in valid]
+    if unknown:
+        raise UserError(f"{where}: unknown key '{unknown[0]}'; valid: {', '.join(valid)}")
+    missing = [key for key in needed if key not in values]
+    if missing:
+        raise UserError(f"{where}: key '{missing[0]}' is needed")
+
+
+def _check_kind(value: Any, kind: type, where: str) -> None:
+    fits = _is_number(value) if kind is float else isinstance(value, kind)
+    if not fits:
+        raise UserError(f"{where} must be {_WORDS[kind]}, not {value}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

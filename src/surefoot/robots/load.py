@@ -1,0 +1,106 @@
+"""Load: a robot by its name, or from a description of your own."""
+
+from __future__ import annotations
+
+import functools
+import importlib.resources
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from surefoot.errors import UserError
+from surefoot.robots.description import Description, lookup, read_description
+from surefoot.robots.geometry import Mirror, find_mirror, joint_groups, leg_length
+from surefoot.robots.model import add_sites, compile_model, read_spec
+from surefoot.robots.robot import Robot
+
+SUFFIX = ".toml"
+_LOAD_SHARE = 0.6
+"""Share of the weight that is the unit of foot forces where the description gives none."""
+
+# Where the compiler puts the parameters of a `dcmotor` in `actuator_gainprm`.
+_MOTOR_CONSTANT, _STIFFNESS, _DAMPING, _MAX_VOLTAGE = 1, 4, 6, 7
+
+
+def shipped_robots() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    folder = Path(str(importlib.resources.files("surefoot.robots")))
+    return tuple(sorted(file.parent.name for file in folder.glob(f"*/*{SUFFIX}") if file.stem == file.parent.name))
+
+
+def load_robot(name: str | Path = "valkyrie") -> Robot:
+    """Read a robot that comes with the package, or one of your own.
+
+    Args:
+        name: a shipped robot's name, or the path of a description (.toml).
+
+    Raises:
+        UserError: there is no such robot, or its description or model is wrong; the message names what.
+    """
+    if str(name) in shipped_robots():
+        folder = Path(str(importlib.resources.files("surefoot.robots")))
+        return _load(folder / str(name) / f"{name}{SUFFIX}", str(name))
+    path = Path(name)
+    if path.suffix != SUFFIX:
+        raise UserError(f"unknown robot '{name}'; valid: {', '.join(shipped_robots())}, or a description ({SUFFIX})")
+    return _load(path.resolve(), str(name))
+
+
+@functools.cache
+def _load(file: Path, name: str) -> Robot:
+    description = read_description(file)
+    spec = read_spec(description)
+    left, _ = add_sites(spec, description)
+    model = compile_model(spec.copy())
+    joint_ids = model.actuator_trnid[:, 0]
+    joints = tuple(model.joint(i).name for i in joint_ids)
+    _check_ranges(model, joint_ids, file)
+    mirror = _mirror(model, joints, description)
+    motor, mass, gravity = model.actuator_gainprm, float(model.body_mass.sum()), float(-model.opt.gravity[2])
+    return Robot(
+        name=name,
+        title=description.title,
+        build=spec.copy,
+        joint_names=joints,
+        joint_groups=joint_groups(joints, mirror.source),
+        joint_lower=model.jnt_range[joint_ids, 0].copy(),
+        joint_upper=model.jnt_range[joint_ids, 1].copy(),
+        stiffness=motor[:, _STIFFNESS].copy(),
+        damping=motor[:, _DAMPING].copy(),
+        torque_limit=model.actuator_forcerange[:, 1].copy(),
+        velocity_limit=motor[:, _MAX_VOLTAGE] / motor[:, _MOTOR_CONSTANT],
+        poses={pose: _angles(joints, angles) for pose, angles in description.poses.items()},
+        default_pose=description.default_pose,
+        root=description.root,
+        torso=description.torso,
+        body_names=tuple(model.body(i).name for i in range(1, model.nbody)),
+        pushable={"root": description.root, **description.pushable},
+        feet=description.feet,
+        sole_half_size=left.half_size,
+        leg_length=leg_length(model, description.feet[0], left),
+        mass=mass,
+        gravity=gravity,
+        load_unit=description.load_unit or round(_LOAD_SHARE * mass * gravity, 1),
+        mirror_source=mirror.source,
+        mirror_sign=mirror.sign,
+        body_mirror=mirror.bodies,
+        is_symmetric=description.symmetric,
+    )
+
+
+def _mirror(model: mujoco.MjModel, joints: Sequence[str], description: Description) -> Mirror:
+    if description.symmetric:
+        return find_mirror(model, joints, str(description.file))
+    return Mirror(np.arange(len(joints)), np.ones(len(joints)), {})
+
+
+def _check_ranges(model: mujoco.MjModel, joint_ids: np.ndarray, file: Path) -> None:
+    for joint in joint_ids:
+        if not model.jnt_limited[joint]:
+            raise UserError(f"{file}: joint '{model.joint(joint).name}' has no range in the model")
+
+
+def _angles(joints: Sequence[str], table: Mapping[str, float]) -> np.ndarray:
+    return np.array([lookup(table, joint) or 0.0 for joint in joints])
