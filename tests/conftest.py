@@ -81,8 +81,8 @@ def tiny(algorithm: str, **changes) -> TrainConfig:
 
 def write_wrench(pushes: Pushes, wrench: np.ndarray, tick: np.ndarray) -> None:
     """The next policy step's forces in place of the last one's."""
-    pushes.clear(wrench)
-    pushes.add(wrench, tick)
+    wrench[:] = 0.0
+    pushes.write(wrench, tick)
 
 
 def squat(amplitude: float) -> Motion:

@@ -120,7 +120,7 @@ def test_a_push_acts_at_its_ticks_and_reset_cancels_it(robot: Robot) -> None:
     loop = make_loop(robot, 2)
     loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=5.0)
     impulse = np.tile([24.0, 0.0, 0.0], (2, 1))
-    loop.pushes.schedule(np.arange(2), np.full(2, robot.body_id("root")), impulse, np.array([33, 33]), 0.12)
+    loop.pushes.schedule(np.arange(2), 0, np.full(2, robot.body_id("root")), impulse, np.array([33, 33]), 0.12)
     momentum = [137.2875 * loop.step(np.zeros((2, 11))).com_velocity[..., 0] for _ in range(2)]
     # Tick 33 is the first one pushed; tick 39, the last seen, has felt 6 ticks of 24 / 60 = 0.4 Ns.
     np.testing.assert_allclose(momentum[0], 0.0, atol=0.01)
@@ -170,12 +170,8 @@ def test_the_loop_moves_the_robot_as_the_simulation_alone_does(robot: Robot) -> 
 def test_a_first_push_and_another_add_up_and_reset_cancels_both(robot: Robot) -> None:
     loop = make_loop(robot, 2)
     loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=5.0)
-    root, torso = (np.full(2, robot.body_id(body)) for body in ("root", "torso"))
-    for pushes, body, impulse, start in (
-        (loop.first_pushes, root, [24.0, 0.0, 0.0], 5),
-        (loop.pushes, torso, [0.0, -12.0, 0.0], 45),
-    ):
-        pushes.schedule(np.arange(2), body, np.tile(impulse, (2, 1)), np.array([start, start]), 0.12)
+    for slot, body, impulse, start in ((0, "root", [24.0, 0.0, 0.0], 5), (1, "torso", [0.0, -12.0, 0.0], 45)):
+        loop.pushes.schedule(np.arange(2), slot, robot.body_id(body), np.array(impulse), start, 0.12)
     loop.step(np.zeros((2, 11)))
     loop.reset(np.array([1]), robot.pose("bent")[None], height=5.0)
     for _ in range(6):

@@ -23,7 +23,7 @@ def written(pushes: Pushes, num_steps: int, num_robots: int = 1) -> np.ndarray:
 def one_push(robot: Robot, start: int, duration: float = PUSH_DURATION, body: str = "root") -> Pushes:
     pushes = Pushes(robot, 1)
     impulse = np.array([[12.0, -24.0, 6.0]])
-    pushes.schedule(np.array([0]), np.array([robot.body_id(body)]), impulse, np.array([start]), duration)
+    pushes.schedule(np.array([0]), 0, np.array([robot.body_id(body)]), impulse, np.array([start]), duration)
     return pushes
 
 
@@ -79,7 +79,7 @@ def test_robots_are_pushed_each_at_its_own_body_time_and_clock(robot: Robot) -> 
     pushes = Pushes(robot, 3)
     bodies = np.array([robot.body_id("root"), robot.body_id("torso")])
     impulse = np.array([[6.0, 0.0, 0.0], [0.0, 12.0, 0.0]])
-    pushes.schedule(np.array([0, 2]), bodies, impulse, np.array([3, 1008]), 0.12)
+    pushes.schedule(np.array([0, 2]), 0, bodies, impulse, np.array([3, 1008]), 0.12)
     wrench = np.zeros((3, TICKS_PER_STEP, NUM_BODIES, 6))
     write_wrench(pushes, wrench, np.array([0, 0, 1000]))  # robot 2 is already in its tick 1000
     expected = np.zeros_like(wrench)
@@ -93,7 +93,7 @@ def test_a_new_push_replaces_one_on_another_body(robot: Robot) -> None:
     wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
     write_wrench(pushes, wrench, np.array([0]))
     root = robot.body_id("root")
-    pushes.schedule(np.array([0]), np.array([root]), np.array([[0.0, 0.0, 1.2]]), np.array([20]), 0.12)
+    pushes.schedule(np.array([0]), 0, np.array([root]), np.array([[0.0, 0.0, 1.2]]), np.array([20]), 0.12)
     write_wrench(pushes, wrench, np.array([20]))
     np.testing.assert_array_equal(wrench[0, :, robot.body_id("torso")], 0.0)
     np.testing.assert_allclose(wrench[0, :, root, 2], 10.0)
@@ -118,7 +118,9 @@ def test_a_push_gives_a_flying_robot_its_impulse(robot: Robot) -> None:
 def test_a_lever_arm_gives_a_torque_of_arm_times_force(robot: Robot) -> None:
     pushes = Pushes(robot, 2)
     impulse = np.array([[12.0, -24.0, 6.0], [12.0, -24.0, 6.0]])
-    pushes.schedule(np.arange(2), np.full(2, robot.body_id("torso")), impulse, np.zeros(2), 0.12, np.array([0.3, -0.5]))
+    pushes.schedule(
+        np.arange(2), 0, np.full(2, robot.body_id("torso")), impulse, np.zeros(2), 0.12, np.array([0.3, -0.5])
+    )
     wrench = written(pushes, 1, num_robots=2)[:, 0, robot.body_id("torso")]
     # (0, 0, h) x (100, -200, 50) N = (200 h, 100 h, 0) Nm
     np.testing.assert_allclose(wrench[:, :3], [[100.0, -200.0, 50.0]] * 2, rtol=1e-14)
@@ -155,7 +157,7 @@ def test_a_push_with_a_lever_turns_a_flying_robot_about_its_com(
     pushes = Pushes(robot, 1)
     impulse = 10.0 * np.array([[*direction, 0.0]])
     arm = robot.lever_arm(pose, body, lever)
-    pushes.schedule(np.array([0]), np.array([robot.body_id(body)]), impulse, np.array([5]), CONTROL_DT, arm)
+    pushes.schedule(np.array([0]), 0, np.array([robot.body_id(body)]), impulse, np.array([5]), CONTROL_DT, arm)
     write_wrench(pushes, engine.wrench, np.array([0]))
     momentum = step_to(engine, np.tile(pose, (1, TICKS_PER_STEP, 1))).angular_momentum[0]
     # (0, 0, lever) x J, at once; what the joints do about it afterwards changes nothing. About z it is the body's
@@ -167,18 +169,10 @@ def test_a_push_with_a_lever_turns_a_flying_robot_about_its_com(
 
 def both_written(robot: Robot, bodies: tuple[str, str], starts: tuple[int, int], num_steps: int = 6) -> np.ndarray:
     """Wrenches of a push of (12, 0, 0) Ns and one of (0, 6, 0) Ns, (num_ticks, num_bodies, 6)."""
-    first, second = Pushes(robot, 1), Pushes(robot, 1)
-    for pushes, body, impulse, start in zip((first, second), bodies, ([12.0, 0, 0], [0, 6.0, 0]), starts, strict=True):
-        pushes.schedule(np.array([0]), np.array([robot.body_id(body)]), np.array([impulse]), np.array([start]), 0.12)
-    wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
-    steps = []
-    for step in range(num_steps):
-        for pushes in (first, second):
-            pushes.clear(wrench)
-        for pushes in (first, second):
-            pushes.add(wrench, np.array([step * TICKS_PER_STEP]))
-        steps.append(wrench[0].copy())
-    return np.concatenate(steps)
+    pushes, impulses = Pushes(robot, 1, num_slots=2), np.array([[12.0, 0.0, 0.0], [0.0, 6.0, 0.0]])
+    for slot in (0, 1):
+        pushes.schedule(np.array([0]), slot, robot.body_id(bodies[slot]), impulses[slot], starts[slot], 0.12)
+    return written(pushes, num_steps)[0]
 
 
 @pytest.mark.parametrize("bodies", [("root", "root"), ("root", "torso"), ("torso", "root")])
@@ -189,3 +183,30 @@ def test_overlapping_pushes_add_up(robot: Robot, bodies: tuple[str, str], starts
     expected[starts[0] : starts[0] + 60, robot.body_id(bodies[0]), 0] += 100.0
     expected[starts[1] : starts[1] + 60, robot.body_id(bodies[1]), 1] += 50.0
     np.testing.assert_allclose(both_written(robot, bodies, starts), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("num_slots", [1, 2, 3, 5])
+def test_a_robot_feels_the_sum_of_the_pushes_in_all_its_slots(robot: Robot, num_slots: int) -> None:
+    pushes = Pushes(robot, 2, num_slots)
+    for slot in range(num_slots):
+        # 0.12, 0.24, ... Ns / 0.12 s = 1, 2, ... N; each begins ten ticks after the one before.
+        impulse = np.array([0.12 * (slot + 1), 0.0, 0.0])
+        pushes.schedule(np.array([1]), slot, robot.body_id("torso"), impulse, 10 * slot, 0.12)
+    wrench = written(pushes, 2, num_robots=2)
+    assert not wrench[0].any()
+    # At tick 39 the first four have begun, as far as there are so many: 1 + 2 + 3 + 4 N.
+    assert wrench[1, 39, robot.body_id("torso"), 0] == pytest.approx(sum(range(1, min(num_slots, 4) + 1)))
+    pushes.cancel(np.array([1]), num_slots - 1)
+    assert written(pushes, 4, 2)[1, 79, :, 0].sum() == pytest.approx(sum(n for n in range(1, num_slots) if n > 2))
+
+
+def test_write_names_the_robots_whose_wrenches_it_has_touched(robot: Robot) -> None:
+    pushes, wrench = Pushes(robot, 4, num_slots=2), np.zeros((4, TICKS_PER_STEP, NUM_BODIES, 6))
+    assert not len(pushes.write(wrench, np.zeros(4, np.int64)))
+    for ids, slot in (([1, 3], 0), ([3], 1)):
+        pushes.schedule(np.array(ids), slot, robot.body_id("root"), np.array([1.0, 0.0, 0.0]), 30, 0.12)
+    assert not len(pushes.write(wrench, np.zeros(4, np.int64)))
+    touched = pushes.write(wrench, np.full(4, 20))
+    assert sorted(set(touched.tolist())) == [1, 3]
+    wrench[touched] = 0.0
+    assert not wrench.any()

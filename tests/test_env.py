@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode
 
 from surefoot.errors import UserError
 from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
-from surefoot.task.random_pushes import DisturbanceConfig
+from surefoot.task.random_pushes import PUSH, DisturbanceConfig
 
 NO_PUSH = DisturbanceConfig(impulse=(0.0, 0.0))
 KICK = DisturbanceConfig(impulse=(400.0, 400.0), first=(0.1, 0.1))
@@ -191,7 +191,7 @@ def test_an_ended_episode_begins_anew_in_the_same_step_and_keeps_its_last_observ
     np.testing.assert_array_equal(info["final_obs"][other], observations[other])
     assert env.loop.tick[other] > 0
     # And the robot that began anew is pushed anew: it falls again.
-    assert env.loop.pushes.start[fallen] == 50
+    assert env.loop.pushes.start[fallen, PUSH] == 50
     *_, steps = until_done(env)
     assert steps < 40
 

@@ -9,18 +9,17 @@ from surefoot.physics.pushes import PUSH_DURATION, Pushes
 from surefoot.robots import Robot
 from surefoot.task import privileged as foresight
 from surefoot.task.privileged import LEVER_UNIT, Foresight
+from surefoot.task.random_pushes import LIFT, PUSH
 
 NAMES = list(foresight.SIGNS)[:9]
 
 
 def told(robot: Robot, body: str, force: tuple, tick: int, heading: complex = 1.0, lift: float = 0.0) -> dict:
     """What is told of a push that starts at tick 1000, and of one upwards 0.2 s before it."""
-    pushes, lifts = Pushes(robot, 1), Pushes(robot, 1)
-    for to, impulse, start in ((pushes, force, 1000), (lifts, (0.0, 0.0, lift), 900)):
-        to.schedule(
-            np.array([0]), np.array([robot.body_id(body)]), np.array([impulse]), np.array([start]), PUSH_DURATION
-        )
-    found = Foresight(robot, robot.pose("bent")).next_push(pushes, lifts, np.array([tick]), np.array([heading]))
+    pushes = Pushes(robot, 1, num_slots=2)
+    for slot, impulse, start in ((PUSH, force, 1000), (LIFT, (0.0, 0.0, lift), 900)):
+        pushes.schedule(np.array([0]), slot, robot.body_id(body), np.array(impulse), start, PUSH_DURATION)
+    found = Foresight(robot, robot.pose("bent")).next_push(pushes, np.array([tick]), np.array([heading]))
     return dict(zip(NAMES, found[0], strict=True))
 
 

@@ -145,7 +145,7 @@ def test_a_pushed_motion_looks_the_same_from_every_heading(robot: Robot) -> None
     loop = ControlLoop(robot, len(yaw), robot.pose("bent"), 1.0, num_threads=1)
     loop.reset(everyone, np.tile(robot.pose("bent"), (len(yaw), 1)), yaw=yaw, height=1e-3)
     push = Rotation.from_euler("Z", yaw[:, None]).apply([40.0, 30.0, 0.0])
-    loop.pushes.schedule(everyone, np.full(4, robot.body_id("torso")), push, np.full(4, 37), 0.12)
+    loop.pushes.schedule(everyone, 0, np.full(4, robot.body_id("torso")), push, np.full(4, 37), 0.12)
     rng = np.random.default_rng(0)
     for _ in range(25):
         ticks = loop.step(np.tile(rng.uniform(-0.1, 0.1, robot.num_joints), (len(yaw), 1)))
@@ -185,7 +185,7 @@ def test_mirrored_actions_and_pushes_lead_to_mirrored_observations(robot: Robot)
     loop = ControlLoop(robot, 2, robot.pose("bent"), 1.0, num_threads=1)
     loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=1e-3)
     push = np.array([[10.0, 25.0, 0.0], [10.0, -25.0, 0.0]])
-    loop.pushes.schedule(np.arange(2), np.full(2, robot.body_id("root")), push, np.full(2, 100), 0.12)
+    loop.pushes.schedule(np.arange(2), 0, np.full(2, robot.body_id("root")), push, np.full(2, 100), 0.12)
     joints, joint_sign = (robot.mirror_source, robot.mirror_sign)
     action = np.random.default_rng(1).uniform(-0.04, 0.04, robot.num_joints)
     for _ in range(12):

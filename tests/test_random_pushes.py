@@ -10,14 +10,22 @@ from surefoot.errors import UserError
 from surefoot.physics.pushes import PUSH_DURATION, Pushes
 from surefoot.rates import TICKS_PER_STEP
 from surefoot.robots import Robot
-from surefoot.task.random_pushes import DisturbanceConfig, RandomPushes
+from surefoot.task.random_pushes import LIFT, PUSH, DisturbanceConfig, RandomPushes
 
 
-def random_pushes(robot: Robot, num_robots: int, seed: int = 0, **config: object) -> tuple[RandomPushes, Pushes]:
-    pushes = Pushes(robot, num_robots)
+class Slot:
+    """What one slot of some pushes holds, as views: (num_robots, ...)."""
+
+    def __init__(self, pushes: Pushes, slot: int):
+        self.start, self.end = pushes.start[:, slot], pushes.end[:, slot]
+        self.body, self.force = pushes.body[:, slot], pushes.force[:, slot]
+
+
+def random_pushes(robot: Robot, num_robots: int, seed: int = 0, **config: object) -> tuple[RandomPushes, Slot]:
+    pushes = Pushes(robot, num_robots, num_slots=2)
     random = RandomPushes(DisturbanceConfig(**config), pushes, np.random.default_rng(seed))
     random.reset(np.arange(num_robots))
-    return random, pushes
+    return random, Slot(pushes, PUSH)
 
 
 def test_the_papers_pushes_come_at_1_6_and_11_s_of_an_episode(robot: Robot) -> None:
@@ -79,33 +87,33 @@ def test_the_next_push_is_drawn_once_the_last_one_was_survived_for_2_s(robot: Ro
 
 
 def test_pushes_that_follow_each_other_quickly_all_come(robot: Robot) -> None:
-    random, pushes = random_pushes(robot, 1, first=(0.5, 0.5), interval=(0.3, 0.3))
+    random, _ = random_pushes(robot, 1, first=(0.5, 0.5), interval=(0.3, 0.3))
     wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
     pushed = []
     for tick in range(0, 1000, TICKS_PER_STEP):
         random.advance(np.array([tick]))
-        write_wrench(pushes, wrench, np.array([tick]))
+        write_wrench(random.pushes, wrench, np.array([tick]))
         pushed.append(wrench[0].any(axis=(1, 2)).copy())
     begins = np.flatnonzero(np.diff(np.concatenate([[False], *pushed]).astype(int)) == 1)
     np.testing.assert_array_equal(begins, [250, 400, 550, 700, 850])  # every 0.3 s
 
 
 def test_a_long_push_is_not_cut_short_by_the_next_draw(robot: Robot) -> None:
-    random, pushes = random_pushes(robot, 1, duration=3.0)
+    random, _ = random_pushes(robot, 1, duration=3.0)
     wrench = np.zeros((1, TICKS_PER_STEP, NUM_BODIES, 6))
     num_ticks = 0
     for tick in range(0, 3000, TICKS_PER_STEP):  # up to the second push
         random.advance(np.array([tick]))
-        write_wrench(pushes, wrench, np.array([tick]))
+        write_wrench(random.pushes, wrench, np.array([tick]))
         num_ticks += np.count_nonzero(wrench[0].any(axis=(1, 2)))
     assert num_ticks == 1500  # 3 s
 
 
 def test_some_pushes_come_a_quarter_of_a_second_after_one_upwards(robot: Robot) -> None:
     n = 400
-    pushes, lifts = Pushes(robot, n), Pushes(robot, n)
-    config = DisturbanceConfig(impulse=(60.0, 60.0), first=(1.0, 1.0), lift=(200.0, 500.0), lift_share=0.25)
-    RandomPushes(config, pushes, np.random.default_rng(0), lifts).reset(np.arange(n))
+    config = {"impulse": (60.0, 60.0), "first": (1.0, 1.0), "lift": (200.0, 500.0), "lift_share": 0.25}
+    random, pushes = random_pushes(robot, n, **config)
+    lifts = Slot(random.pushes, LIFT)
     lifted = pushes.start == 620  # 1 s and 0.24 s, at 500 ticks a second
     assert lifted.mean() == pytest.approx(0.25, abs=4 * np.sqrt(0.25 * 0.75 / n))
     assert set(pushes.start[~lifted]) == {500}
@@ -144,10 +152,8 @@ def test_the_latest_push_is_the_one_that_has_begun(robot: Robot) -> None:
 
 
 def test_pushes_with_a_push_upwards_count_as_larger_than_any(robot: Robot) -> None:
-    pushes, lifts = Pushes(robot, 8), Pushes(robot, 8)
-    config = DisturbanceConfig(impulse=(60.0, 60.0), first=(1.0, 1.0), lift=(200.0, 500.0), lift_share=0.5)
-    random = RandomPushes(config, pushes, np.random.default_rng(0), lifts)
-    random.reset(np.arange(8))
+    config = {"impulse": (60.0, 60.0), "first": (1.0, 1.0), "lift": (200.0, 500.0), "lift_share": 0.5}
+    random, pushes = random_pushes(robot, 8, **config)
     lifted = pushes.start > 500
     assert 0 < lifted.sum() < 8
     np.testing.assert_array_equal(random.latest(np.full(8, 700))[0], np.where(lifted, np.inf, 60.0))
@@ -159,14 +165,14 @@ SIDE, BACK = 4, 8
 """Sectors of 22.5 degrees, counter-clockwise from forward."""
 
 
-def focused(robot: Robot, n: int, **config: object) -> tuple[RandomPushes, Pushes]:
+def focused(robot: Robot, n: int, **config: object) -> tuple[RandomPushes, Slot]:
     """Pushes of 30 to 300 Ns of which none have fallen yet."""
     random, pushes = random_pushes(robot, n, impulse=(30.0, 300.0), **config)
     random.falls.share[:] = 0.0
     return random, pushes
 
 
-def drawn(pushes: Pushes) -> tuple[np.ndarray, np.ndarray]:
+def drawn(pushes: Slot) -> tuple[np.ndarray, np.ndarray]:
     """Directions [degrees] and impulses [Ns]."""
     x, y, _ = pushes.force.T * PUSH_DURATION
     return np.degrees(np.arctan2(y, x)), np.hypot(x, y)
@@ -229,7 +235,7 @@ def give_push(random: RandomPushes, degrees: float, impulse: float) -> None:
     """Robot 0's next push: drawn until it is the one wanted, within 11.25 degrees and 5 %."""
     for _ in range(100_000):
         random.reset(np.array([0]))
-        x, y, _ = random.pushes.force[0] * PUSH_DURATION
+        x, y, _ = random.pushes.force[0, PUSH] * PUSH_DURATION
         off = (np.degrees(np.arctan2(y, x)) - degrees + 180.0) % 360.0 - 180.0
         if abs(off) < 11.25 and abs(np.hypot(x, y) / impulse - 1.0) < 0.05:
             return

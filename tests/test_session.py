@@ -15,7 +15,7 @@ from surefoot.rates import POLICY_HZ
 from surefoot.task.imperfections import Imperfections
 from surefoot.viewer import session as session_module
 from surefoot.viewer.player import Player
-from surefoot.viewer.session import Session
+from surefoot.viewer.session import HAND, PUSH, Session
 from surefoot.viewer.verdict import State
 
 
@@ -41,7 +41,7 @@ def states(session: Session) -> list[State]:
 
 
 def since_push(session: Session, tick: int) -> float:
-    return float(session.since(session.loop.pushes, tick)[0])
+    return float(session.since(tick)[0, PUSH])
 
 
 def root(session: Session) -> np.ndarray:
@@ -58,7 +58,7 @@ def test_a_push_is_recovered_from_told_and_counted(session):
     session.push(horizontal_push("root", 0.0, 120.0))
     session.step()
     assert states(session) == [State.RECOVERING]
-    assert session.loop.pushes.force[0] == pytest.approx([1000.0, 0.0, 0.0])
+    assert session.pushes.force[0, PUSH] == pytest.approx([1000.0, 0.0, 0.0])
     assert since_push(session, 0) == pytest.approx(-0.12)
     live(session, 5.0)
     assert states(session) == [State.RECOVERED]
@@ -100,7 +100,7 @@ def test_a_push_in_the_future_begins_at_its_tick(session):
     assert since_push(session, 4) == np.inf
     assert since_push(session, 5) == pytest.approx(-0.01)
     assert since_push(session, 12) == pytest.approx(0.004)
-    assert session.loop.pushes.body[0] == session.robot.body_id("torso")
+    assert session.pushes.body[0, PUSH] == session.robot.body_id("torso")
 
 
 def test_an_unknown_body_is_refused_when_asked_for(session):
@@ -122,7 +122,7 @@ def test_lift_and_push_pushes_in_the_air(session):
     pushed_in_air = False
     for _ in range(15):
         session.step()
-        is_pushed = since_push(session, 10) < 0.0 and session.loop.pushes.force[0, 0] > 0.0
+        is_pushed = since_push(session, 10) < 0.0 and session.pushes.force[0, PUSH, 0] > 0.0
         pushed_in_air |= is_pushed and not session.ticks.foot_contact[0, 10].any()
     assert pushed_in_air
     assert root(session)[0, 2] > height
@@ -134,12 +134,12 @@ def test_a_hand_pulls_until_it_lets_go(session):
     session.pull(0, body, np.array([0.0, 60.0, 0.0]))
     live(session, 0.4)
     assert session.is_held.tolist() == [True]
-    assert session.loop.first_pushes.force[0] == pytest.approx([0.0, 60.0, 0.0])
-    assert session.since(session.loop.first_pushes, 19)[0] < 0.0
+    assert session.pushes.force[0, HAND] == pytest.approx([0.0, 60.0, 0.0])
+    assert session.since(19)[0, HAND] < 0.0
     assert root(session)[0, 1] > 0.005
     session.release(0)
     live(session, 0.08)
-    assert session.since(session.loop.first_pushes, 19)[0] > 0.0
+    assert session.since(19)[0, HAND] > 0.0
     assert states(session) == [State.RECOVERING]
 
 

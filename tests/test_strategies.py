@@ -242,7 +242,7 @@ def watch_pushes(policy: Policy, robot: Robot, pushes: list[tuple[tuple[float, f
     watch.reset(ids, loop.reset(ids, np.tile(loop.nominal, (num_robots, 1))))
     impulses = np.array([impulse * np.array(direction) for direction, impulse in pushes])
     start = np.full(num_robots, CONTROL_HZ + 7)
-    loop.pushes.schedule(ids, np.full(num_robots, robot.body_id("root")), impulses, start, 0.12)
+    loop.pushes.schedule(ids, 0, np.full(num_robots, robot.body_id("root")), impulses, start, 0.12)
     for _ in range(6 * CONTROL_HZ // TICKS_PER_STEP):
         first = loop.tick[:, None].copy()
         ticks = loop.step(policy(loop.observation, ids), ids)

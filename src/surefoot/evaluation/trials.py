@@ -17,7 +17,7 @@ from surefoot.agents.controllers.loop import ControllerLoop
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trial_monitor import CALM_FROM_S, HORIZON_S, TrialMonitor
-from surefoot.physics.pushes import Drop, Push, Pushes
+from surefoot.physics.pushes import Drop, Push
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import Robot, load_robot
@@ -213,9 +213,8 @@ class _Arena:
         begin = np.array(begins)
         for slot, trial, tick in zip(slots.tolist(), trials, begin.tolist(), strict=True):
             self.loop.spoil(slot, trial.imperfections, trial.seed)
-            self._schedule(self.loop.pushes, slot, trial.push, tick)
-            if trial.first:
-                self._schedule(self.loop.first_pushes, slot, trial.first, tick)
+            for place, push in enumerate(trial.pushes):
+                self._schedule(slot, place, push, tick)
         self.judge.reset(
             slots,
             start_ticks,
@@ -226,11 +225,12 @@ class _Arena:
             whole=np.array([trial.whole for trial in trials]),
         )
 
-    def _schedule(self, pushes: Pushes, slot: int, push: Push, begin: int) -> None:
+    def _schedule(self, slot: int, place: int, push: Push, begin: int) -> None:
+        """Give the robot of an arena's slot a push at a place among its pushes."""
         impulse = push.impulse * np.array(push.direction)
-        start = np.array([begin + round(push.start / CONTROL_DT)])
-        body = np.array([self.robot.body_id(push.body)])
-        pushes.schedule(np.array([slot]), body, impulse, start, push.duration, self._arm(push))
+        start = begin + round(push.start / CONTROL_DT)
+        body = self.robot.body_id(push.body)
+        self.loop.pushes.schedule(np.array([slot]), place, body, impulse, start, push.duration, self._arm(push))
 
     def _arm(self, push: Push) -> float:
         if push.lever is None:

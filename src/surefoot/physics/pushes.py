@@ -11,6 +11,8 @@ from surefoot.robots import Robot
 
 PUSH_DURATION = 0.12
 """The paper's push: a constant force for 0.12 s."""
+NEVER = np.iinfo(np.int64).max
+"""The start and the end of a push that is not there [ticks]."""
 
 
 @dataclass(frozen=True)
@@ -56,67 +58,88 @@ class Drop:
 
 
 class Pushes:
-    """The current push of each of N robots, written as wrenches at tick resolution.
+    """Up to `num_slots` pushes of each of N robots, written as wrenches at tick resolution.
+
+    A slot holds one push of each robot; where pushes overlap, their forces are added in the order of the slots.
 
     Attributes:
-        start, end: first tick of the push and first tick after it, counted from the robot's reset, (N,).
-        body: MuJoCo body ids (N,).
-        force: world frame (N, 3) [N].
-        arm: height of the force's line of action above the body's CoM (N,) [m].
+        start, end: first tick of each push and first tick after it, counted from the robot's reset, (N, num_slots).
+        body: MuJoCo body ids (N, num_slots).
+        force: world frame (N, num_slots, 3) [N].
+        arm: height of the force's line of action above the body's CoM (N, num_slots) [m].
     """
 
-    def __init__(self, robot: Robot, num_robots: int):
+    def __init__(self, robot: Robot, num_robots: int, num_slots: int = 1):
         self.robot = robot
-        self.start = np.full(num_robots, np.iinfo(np.int64).max, np.int64)
+        self.num_slots = num_slots
+        self.start = np.full((num_robots, num_slots), NEVER, np.int64)
         self.end = self.start.copy()
-        self.body = np.zeros(num_robots, np.int64)
-        self.force = np.zeros((num_robots, 3))
-        self.arm = np.zeros(num_robots)
-        self._written = self._written_body = np.zeros(0, np.int64)
+        self.body = np.zeros((num_robots, num_slots), np.int64)
+        self.force = np.zeros((num_robots, num_slots, 3))
+        self.arm = np.zeros((num_robots, num_slots))
         self._ever_used = False
 
     def schedule(
         self,
         ids: np.ndarray,
-        body: np.ndarray,
+        slot: int,
+        body: np.ndarray | int,
         impulse: np.ndarray,
-        start: np.ndarray,
+        start: np.ndarray | int,
         duration: float,
         arm: np.ndarray | float = 0.0,
     ) -> None:
-        """Give robots `ids` (n,) a push: body ids (n,), impulse vectors (n, 3) [Ns], start ticks (n,), [s], arm [m]."""
-        self._ever_used = True
-        num_ticks = max(1, round(duration / CONTROL_DT))
-        self.start[ids], self.end[ids] = start, start + num_ticks
-        self.body[ids] = body
-        self.force[ids] = impulse / (num_ticks * CONTROL_DT)
-        self.arm[ids] = arm
-
-    def cancel(self, ids: np.ndarray) -> None:
-        """No push for robots `ids`."""
-        self.start[ids] = self.end[ids] = np.iinfo(np.int64).max
-
-    def clear(self, wrench: np.ndarray) -> None:
-        """Take back what the last `add` wrote into the wrenches."""
-        if len(self._written):
-            wrench[self._written, :, self._written_body] = 0.0
-
-    def add(self, wrench: np.ndarray, tick: np.ndarray) -> None:
-        """Add the forces of the next policy step.
+        """Give robots a push in place of the one that they have in this slot.
 
         Args:
-            wrench: (N, TICKS_PER_STEP, num_bodies, 6).
+            ids: the robots (n,).
+            slot: 0 to `num_slots` - 1.
+            body: MuJoCo body ids (n,), or one for all.
+            impulse: in the world frame (n, 3), or (3,) for all [Ns].
+            start: ticks since each robot's reset (n,), or one for all.
+            duration: of the push [s]; it is rounded to whole ticks, one at least.
+            arm: height of the force's line of action above the body's CoM (n,), or one for all [m].
+        """
+        self._ever_used = True
+        num_ticks = max(1, round(duration / CONTROL_DT))
+        self.start[ids, slot] = start
+        self.end[ids, slot] = self.start[ids, slot] + num_ticks
+        self.body[ids, slot] = body
+        self.force[ids, slot] = impulse / (num_ticks * CONTROL_DT)
+        self.arm[ids, slot] = arm
+
+    def cancel(self, ids: np.ndarray, slots: int | slice = slice(None)) -> None:
+        """Take away the pushes of robots `ids` (n,) in one slot or, without it, in all of them."""
+        self.start[ids, slots] = self.end[ids, slots] = NEVER
+
+    def write(self, wrench: np.ndarray, tick: np.ndarray) -> np.ndarray:
+        """Add the forces of the next policy step to the wrenches.
+
+        Args:
+            wrench: (N, TICKS_PER_STEP, num_bodies, 6) [N, Nm].
             tick: ticks since each robot's reset (N,).
+
+        Returns:
+            The robots that are pushed in this step (n,), whose wrenches the caller has to clear after it; a robot
+            that is pushed twice is named twice.
         """
         if not self._ever_used:
-            return
-        active = np.flatnonzero((self.start < tick + TICKS_PER_STEP) & (self.end > tick))
-        self._written, self._written_body = active, self.body[active]
-        if not len(active):
-            return
-        now = tick[active, None] + np.arange(TICKS_PER_STEP)
-        pushed = (now >= self.start[active, None]) & (now < self.end[active, None])
-        x, y, _ = self.force[active].T
-        torque = self.arm[active, None] * np.stack([-y, x, np.zeros_like(x)], axis=1)
-        both = np.concatenate([self.force[active], torque], axis=1)
-        wrench[active, :, self.body[active]] += pushed[..., None] * both[:, None]
+            return _NOBODY
+        is_active = (self.start < tick[:, None] + TICKS_PER_STEP) & (self.end > tick[:, None])
+        active = [np.flatnonzero(is_active[:, slot]) for slot in range(self.num_slots)]
+        for slot, ids in enumerate(active):
+            if len(ids):
+                self._add(wrench, tick, ids, slot)
+        return np.concatenate(active)
+
+    def _add(self, wrench: np.ndarray, tick: np.ndarray, ids: np.ndarray, slot: int) -> None:
+        now = tick[ids, None] + np.arange(TICKS_PER_STEP)
+        is_pushed = (now >= self.start[ids, slot, None]) & (now < self.end[ids, slot, None])
+        force = self.force[ids, slot]
+        x, y, _ = force.T
+        torque = self.arm[ids, slot, None] * np.stack([-y, x, np.zeros_like(x)], axis=1)
+        both = np.concatenate([force, torque], axis=1)
+        wrench[ids, :, self.body[ids, slot]] += is_pushed[..., None] * both[:, None]
+
+
+_NOBODY = np.zeros(0, np.int64)

@@ -19,6 +19,9 @@ from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.task import observation
 from surefoot.task.imperfections import PERFECT, Imperfections
 
+NUM_PUSHES = 2
+"""How many pushes a robot may await or feel at the same time."""
+
 
 class ControlLoop:
     """Policy steps of `num_robots` robots.
@@ -29,8 +32,7 @@ class ControlLoop:
         domain: what the robots stand on and are made of.
 
     Attributes:
-        pushes: the robots' current pushes, to be scheduled by the caller.
-        first_pushes: pushes that come before, or at the same time.
+        pushes: what pushes the robots, `NUM_PUSHES` slots each; the caller schedules them.
         tick: ticks since each robot's reset, (num_robots,).
         imperfect: which robots have imperfections, bool (num_robots,).
         nominal_com_height: height of the CoM above the soles in the nominal pose [m].
@@ -49,8 +51,8 @@ class ControlLoop:
         self.nominal = nominal
         self.action_scale = action_scale
         self.engine = MujocoEngine(robot, num_robots, num_threads, domain)
-        self.pushes = Pushes(robot, num_robots)
-        self.first_pushes = Pushes(robot, num_robots)
+        self.pushes = Pushes(robot, num_robots, NUM_PUSHES)
+        self._pushed = np.zeros(0, np.int64)
         self.tick = np.zeros(num_robots, np.int64)
         self._target = np.tile(nominal, (num_robots, 1))
         self._scales = observation.scales(robot)
@@ -81,7 +83,6 @@ class ControlLoop:
         self._target[ids] = self.nominal
         self.tick[ids] = 0
         self.pushes.cancel(ids)
-        self.first_pushes.cancel(ids)
         if self.imperfect.any():
             self._errors.reset(ids, np.zeros((len(ids), len(self._scales))))
             self.imperfect[ids] = False
@@ -136,11 +137,8 @@ class ControlLoop:
         return ticks
 
     def _write_pushes(self) -> None:
-        both = (self.first_pushes, self.pushes)
-        for pushes in both:
-            pushes.clear(self.engine.wrench)
-        for pushes in both:
-            pushes.add(self.engine.wrench, self.tick)
+        self.engine.wrench[self._pushed] = 0.0
+        self._pushed = self.pushes.write(self.engine.wrench, self.tick)
 
     def _filter_errors(self, ids: np.ndarray) -> None:
         """What is wrong with the observations passes a filter of its own: the filter is linear, and so no robot's

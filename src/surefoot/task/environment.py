@@ -112,9 +112,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
     def _seed(self, seed: int | None) -> None:
         self.generator, self._np_random_seed = gym.utils.seeding.np_random(seed)
         self._np_random = self.generator
-        self.random_pushes = RandomPushes(
-            self.config.disturbance, self.loop.pushes, self.generator, self.loop.first_pushes
-        )
+        self.random_pushes = RandomPushes(self.config.disturbance, self.loop.pushes, self.generator)
 
     def set_progress(self, progress: float) -> None:
         """Tell the schedules the share of the training done, 0 to 1."""
@@ -169,7 +167,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         whether leaving the nominal pose still costs, and the robot's noise as a share of the largest.
         """
         loop = self.loop
-        pushes = self._foresight.next_push(loop.pushes, loop.first_pushes, loop.tick, self._heading)
+        pushes = self._foresight.next_push(loop.pushes, loop.tick, self._heading)
         return np.column_stack([pushes, self._charged(), self._in_place, self._noise])
 
     def _charged(self) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 from surefoot.physics.pushes import Pushes
 from surefoot.rates import CONTROL_HZ
 from surefoot.robots import Robot
+from surefoot.task.random_pushes import LIFT, PUSH
 
 IMPULSE_UNIT = 200.0
 """[Ns]."""
@@ -49,12 +50,11 @@ class Foresight:
             self._height[robot.body_id(name)] = height / LEVER_UNIT
             self._side[robot.body_id(name)] = robot.side(name)
 
-    def next_push(self, pushes: Pushes, lifts: Pushes, tick: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    def next_push(self, pushes: Pushes, tick: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """The pushes to come or under way.
 
         Args:
-            pushes: horizontal ones.
-            lifts: upward ones.
+            pushes: of the N robots, horizontal ones in slot `PUSH`, upward ones in slot `LIFT`.
             tick: since each robot's reset (N,).
             heading: of each robot, as a complex number of length 1, (N,).
 
@@ -64,13 +64,14 @@ class Foresight:
             height of the pushed body above the robot's CoM, in units of 0.5 m; the size again, positive at a left leg
             and negative at a right one; and the same of the push upwards.
         """
-        near, force, seconds = _weight(pushes, tick)
-        impulse = seconds / IMPULSE_UNIT * force * (pushes.force[:, 0] + 1j * pushes.force[:, 1]) * heading.conj()
+        near, share, seconds = _weight(pushes, PUSH, tick)
+        force = pushes.force[:, PUSH]
+        impulse = seconds / IMPULSE_UNIT * share * (force[:, 0] + 1j * force[:, 1]) * heading.conj()
         along = np.stack([np.abs(impulse), impulse.real, impulse.imag], axis=1)
-        lever = self._height[pushes.body, None] * along
-        _, force, seconds = _weight(lifts, tick)
-        lift = seconds / IMPULSE_UNIT * force * lifts.force[:, 2]
-        side = self._side[pushes.body] * along[:, 0]
+        lever = self._height[pushes.body[:, PUSH], None] * along
+        _, share, seconds = _weight(pushes, LIFT, tick)
+        lift = seconds / IMPULSE_UNIT * share * pushes.force[:, LIFT, 2]
+        side = self._side[pushes.body[:, PUSH]] * along[:, 0]
         return np.column_stack([near, along, lever, side, lift])
 
 
@@ -80,9 +81,10 @@ def _heights(robot: Robot, pose: tuple[float, ...]) -> list[float]:
     return [-robot.lever_arm(np.array(pose), name, 0.0) for name in robot.pushable]
 
 
-def _weight(pushes: Pushes, tick: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How near each push is, that times the share of it that is left, and its duration [s]."""
-    ticks = np.maximum(pushes.end - pushes.start, 1)
-    left = np.clip((pushes.end - np.maximum(tick, pushes.start)) / ticks, 0.0, 1.0)
-    near = np.clip(1.0 - (pushes.start - tick) / CONTROL_HZ, 0.0, 1.0) * (left > 0.0)
+def _weight(pushes: Pushes, slot: int, tick: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How near each push of a slot is, that times the share of it that is left, and its duration [s]."""
+    start, end = pushes.start[:, slot], pushes.end[:, slot]
+    ticks = np.maximum(end - start, 1)
+    left = np.clip((end - np.maximum(tick, start)) / ticks, 0.0, 1.0)
+    near = np.clip(1.0 - (start - tick) / CONTROL_HZ, 0.0, 1.0) * (left > 0.0)
     return near, near * left, ticks / CONTROL_HZ

@@ -11,6 +11,9 @@ from surefoot.physics.step_record import horizontal
 from surefoot.rates import CONTROL_DT, TICKS_PER_STEP
 from surefoot.task.fall_rates import NUM_SECTORS, FallRates, to_sector
 
+LIFT, PUSH = 0, 1
+"""Slots of the pushes upwards and of those that follow."""
+
 
 @dataclass(frozen=True)
 class DisturbanceConfig:
@@ -54,9 +57,8 @@ class RandomPushes:
 
     Args:
         config: ranges to draw from.
-        pushes: the N robots' pushes to fill.
+        pushes: the N robots' pushes to fill, in the slots `LIFT` and `PUSH`.
         rng: the environment batch's one generator.
-        first_pushes: the pushes to fill that lift a robot before another push; needed if the configuration has any.
 
     Attributes:
         ceiling: largest impulse drawn per sector of directions, (NUM_SECTORS,) [Ns], counter-clockwise from +x.
@@ -70,29 +72,28 @@ class RandomPushes:
     SURVIVED_S = 2.0
     """A push is survived when the robot has not fallen for so long after its start."""
 
-    def __init__(
-        self,
-        config: DisturbanceConfig,
-        pushes: Pushes,
-        rng: np.random.Generator,
-        first_pushes: Pushes | None = None,
-    ):
+    def __init__(self, config: DisturbanceConfig, pushes: Pushes, rng: np.random.Generator):
         self.config = config
-        self.first_pushes = first_pushes
         self.pushes = pushes
         self.rng = rng
         self.ceiling = np.full(NUM_SECTORS, config.impulse[1])
         self._body_ids = np.array([pushes.robot.body_id(body) for body in config.bodies])
-        self._sector = np.zeros(len(pushes.start), np.int64)
-        self._impulse = np.zeros(len(pushes.start))
-        self._lifted = np.zeros(len(pushes.start), bool)
-        self._angle = np.zeros(len(pushes.start))
+        num_robots = len(pushes.start)
+        self._sector = np.zeros(num_robots, np.int64)
+        self._impulse = np.zeros(num_robots)
+        self._lifted = np.zeros(num_robots, bool)
+        self._angle = np.zeros(num_robots)
         self.falls = FallRates(pushes.robot, config.bodies, config.impulse[1])
-        self._latest_impulse = np.zeros(len(pushes.start))
-        self._latest_start = np.zeros(len(pushes.start), np.int64)
+        self._latest_impulse = np.zeros(num_robots)
+        self._latest_start = np.zeros(num_robots, np.int64)
         # The next push is drawn in good time before it may begin.
         survived = round(min(self.SURVIVED_S, config.interval[0]) / CONTROL_DT) - TICKS_PER_STEP
         self._survived_ticks = max(survived, round(config.duration / CONTROL_DT))
+
+    @property
+    def _start(self) -> np.ndarray:
+        """First tick of each robot's push (N,)."""
+        return self.pushes.start[:, PUSH]
 
     def reset(self, ids: np.ndarray) -> None:
         """Robots `ids` begin an episode."""
@@ -102,11 +103,11 @@ class RandomPushes:
 
     def advance(self, tick: np.ndarray) -> None:
         """Draw the next push of every robot that has survived its last one; `tick` (N,) since its reset."""
-        over = np.flatnonzero(self.pushes.start + self._survived_ticks <= tick)
+        over = np.flatnonzero(self._start + self._survived_ticks <= tick)
         if len(over):
             self._move_ceiling(over, survived=True)
             self._count_falls(over, fell=False)
-            self._draw(over, self.pushes.start[over], self.config.interval)
+            self._draw(over, self._start[over], self.config.interval)
 
     def latest(self, tick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The push that began last, before `tick` (N,) since each robot's reset.
@@ -115,14 +116,14 @@ class RandomPushes:
             impulse: (N,) [Ns], infinite if it came with a push upwards, 0 if none began.
             since: (N,) ticks since its start, or since the reset.
         """
-        begun = self.pushes.start < tick
+        begun = self._start < tick
         self._latest_impulse[begun] = np.where(self._lifted, np.inf, self._impulse)[begun]
-        self._latest_start[begun] = self.pushes.start[begun]
+        self._latest_start[begun] = self._start[begun]
         return self._latest_impulse, tick - self._latest_start
 
     def fell(self, ids: np.ndarray, tick: np.ndarray) -> None:
         """Robots `ids` (n,) have fallen at `tick` (n,) since their reset."""
-        pushed = ids[self.pushes.start[ids] < tick]
+        pushed = ids[self._start[ids] < tick]
         self._move_ceiling(pushed, survived=False)
         self._count_falls(pushed, fell=True)
 
@@ -136,7 +137,7 @@ class RandomPushes:
     def _count_falls(self, ids: np.ndarray, fell: bool) -> None:
         if self.config.focus:
             ids = ids[~self._lifted[ids]]
-            self.falls.count(self.pushes.body[ids], self._angle[ids], self._impulse[ids], fell)
+            self.falls.count(self.pushes.body[ids, PUSH], self._angle[ids], self._impulse[ids], fell)
 
     def _draw(self, ids: np.ndarray, since: np.ndarray, wait: tuple[float, float]) -> None:
         n = len(ids)
@@ -156,19 +157,18 @@ class RandomPushes:
         self._impulse[ids], self._angle[ids] = size, angle
         impulse = np.zeros((n, 3))
         horizontal(impulse)[:] = size * np.exp(1j * angle)
-        if self.config.lift_share and self.first_pushes:
-            lifted = self._lift(ids, start, self.first_pushes)
+        if self.config.lift_share:
+            lifted = self._lift(ids, start)
             start += lifted * round(self.config.lift_gap / CONTROL_DT)
             impulse[lifted] *= 0.5
             self._lifted[ids] = lifted
-        self.pushes.schedule(ids, body, impulse, start, self.config.duration)
+        self.pushes.schedule(ids, PUSH, body, impulse, start, self.config.duration)
 
-    def _lift(self, ids: np.ndarray, start: np.ndarray, pushes: Pushes) -> np.ndarray:
+    def _lift(self, ids: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Push some of the robots upwards at `start`; which ones (n,)."""
         config = self.config
         lifted = self.rng.random(len(ids)) < config.lift_share
         up = self.rng.uniform(*config.lift, lifted.sum())[:, None] * np.array([0.0, 0.0, 1.0])
-        root = np.array([pushes.robot.body_id("root")])
-        pushes.cancel(ids)
-        pushes.schedule(ids[lifted], root, up, start[lifted], config.duration)
+        self.pushes.cancel(ids, LIFT)
+        self.pushes.schedule(ids[lifted], LIFT, self.pushes.robot.body_id("root"), up, start[lifted], config.duration)
         return lifted

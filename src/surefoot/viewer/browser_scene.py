@@ -10,7 +10,7 @@ from surefoot.physics.step_record import StepRecord
 from surefoot.rendering.moment import Moment
 from surefoot.robots import Robot
 from surefoot.viewer.body_meshes import body_glbs, visual_model
-from surefoot.viewer.session import Session
+from surefoot.viewer.session import HAND, Session
 from surefoot.viewer.verdict import State
 
 SPACING = 2.2
@@ -86,13 +86,7 @@ class BrowserScene:
             for body, handle in self.bodies.items():
                 handle.batched_positions = self._xpos[1 + body].astype(np.float32)
                 handle.batched_wxyzs = self._xquat[1 + body].astype(np.float32)
-            everyone = np.arange(self.num_robots)
-            self._marks.show_pushes(
-                centers=np.concatenate([self._pushed[pushes.body, everyone] for pushes in session.pushes]),
-                force=np.concatenate([pushes.force for pushes in session.pushes]),
-                since=np.concatenate([session.since(pushes, tick) for pushes in session.pushes]),
-                is_held=np.append(session.is_held, np.zeros(self.num_robots, bool)),
-            )
+            self._show_pushes(session, tick)
             self._marks.show_states(self._xpos[1], session.verdicts.state if self.num_robots > 1 else None)
             moment = Moment.of(ticks, robot=watched, tick=tick)
             self._marks.show_balance(moment, self.places[watched], self.overlays)
@@ -122,6 +116,17 @@ class BrowserScene:
             self._xpos[:, robot] = self._data.xpos + self.places[robot]
             self._xquat[:, robot] = self._data.xquat
             self._pushed[:, robot] = self._data.xipos[1:] + self.places[robot]
+
+    def _show_pushes(self, session: Session, tick: int) -> None:
+        pushes, everyone = session.pushes, np.arange(self.num_robots)
+        is_held = np.zeros((self.num_robots, pushes.num_slots), bool)
+        is_held[:, HAND] = session.is_held
+        self._marks.show_pushes(
+            centers=self._pushed[pushes.body, everyone[:, None]].reshape(-1, 3),
+            force=pushes.force.reshape(-1, 3),
+            since=session.since(tick).ravel(),
+            is_held=is_held.ravel(),
+        )
 
     def _move_world(self, root: np.ndarray, watched: int, follow: bool) -> None:
         # The world moves, not the camera: who orbits it is not disturbed.

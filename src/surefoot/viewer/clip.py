@@ -42,12 +42,14 @@ class ClipRecorder:
 
     def add(self, session: Session, robot: int) -> None:
         """Remember the last tick of the session's last step."""
-        since, pushes = min(((float(session.since(p, -1)[robot]), p) for p in session.pushes), key=lambda pair: pair[0])
-        strength = float(np.linalg.norm(pushes.force[robot]))
+        pushes, times = session.pushes, session.since(-1)[robot]
+        slot = int(times.argmin())
+        since, force = float(times[slot]), pushes.force[robot, slot]
+        strength = float(np.linalg.norm(force))
         push = None
         if since < np.inf and strength > 1.0:
-            direction = tuple((pushes.force[robot] / strength).tolist())
-            body = _pushable(session.robot, int(pushes.body[robot]))
+            direction = tuple((force / strength).tolist())
+            body = _pushable(session.robot, int(pushes.body[robot, slot]))
             push = Push(body, direction, strength * POLICY_DT, duration=POLICY_DT)
         moment = dataclasses.replace(Moment.of(session.ticks, robot), time=max(since + POLICY_DT, 0.0))
         self._shots.append(Shot(moment, push))

@@ -10,7 +10,7 @@ from surefoot.agents.agent import Policy
 from surefoot.errors import UserError
 from surefoot.evaluation.strategies import StrategyWatch
 from surefoot.evaluation.trials import JOINT_NOISE
-from surefoot.physics.pushes import Push, Pushes
+from surefoot.physics.pushes import NEVER, Push, Pushes
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import load_robot
@@ -28,7 +28,8 @@ PAPER_NOISE = Imperfections(observation_noise=0.5, action_noise=0.1)
 DOWN_S = 2.0
 """A fallen robot that stands up again by itself does so after that time [s]."""
 FRICTION = 1.0
-_NEVER = np.iinfo(np.int64).max
+HAND, PUSH = 0, 1
+"""Slots of what hands and lifts do to a robot, and of pushes."""
 
 
 class Session:
@@ -70,7 +71,7 @@ class Session:
         self.num_steps = 0
         self.everyone = np.arange(num_robots)
         self._watch = StrategyWatch(self.robot, num_robots)
-        self._begin = np.full(num_robots, _NEVER)
+        self._begin = np.full(num_robots, NEVER)
         self._told = [""] * num_robots
         self._rng = np.random.default_rng(seed)
         self._pulls: dict[int, tuple[int, np.ndarray]] = {}
@@ -88,7 +89,7 @@ class Session:
         self._spoil(ids)
         self.verdicts.reset(ids)
         self._watch.reset(ids, start)
-        self._begin[ids] = _NEVER
+        self._begin[ids] = NEVER
         for robot in ids.tolist():
             self._pulls.pop(robot, None)
             self._told[robot] = ""
@@ -96,11 +97,11 @@ class Session:
 
     def push(self, push: Push, ids: np.ndarray | None = None) -> None:
         """Push robots `ids` (all without it) `push.start` seconds from now, instead of what pushes them then."""
-        self._schedule(self.loop.pushes, self.everyone if ids is None else ids, push)
+        self._schedule(PUSH, self.everyone if ids is None else ids, push)
 
     def lift_and_push(self, push: Push, lift: Push = LIFT) -> None:
         """Lift all robots off the ground, and push them while they are in the air."""
-        self._schedule(self.loop.first_pushes, self.everyone, lift)
+        self._schedule(HAND, self.everyone, lift)
         after = lift.start + lift.duration + AIRBORNE_S
         self.push(dataclasses.replace(push, start=after))
 
@@ -160,17 +161,17 @@ class Session:
         return self.ticks
 
     @property
-    def pushes(self) -> tuple[Pushes, Pushes]:
-        """What acts on the robots: hands and lifts, and pushes."""
-        return self.loop.first_pushes, self.loop.pushes
+    def pushes(self) -> Pushes:
+        """What acts on the robots: hands and lifts in slot `HAND`, pushes in slot `PUSH`."""
+        return self.loop.pushes
 
-    def since(self, pushes: Pushes, tick: int) -> np.ndarray:
-        """At a tick of the last step, time since the end of each robot's push (num_robots,) [s].
+    def since(self, tick: int) -> np.ndarray:
+        """Time from the end of each push to a tick of the last step (num_robots, num_slots) [s].
 
-        Negative while it lasts; infinite before it and without one.
+        It is negative while the push lasts, and infinite before it and without one.
         """
-        now = self.loop.tick - len(self.ticks) + tick % len(self.ticks)
-        return np.where(now >= pushes.start, (now - pushes.end) / CONTROL_HZ, np.inf)
+        now = (self.loop.tick - len(self.ticks) + tick % len(self.ticks))[:, None]
+        return np.where(now >= self.pushes.start, (now - self.pushes.end) / CONTROL_HZ, np.inf)
 
     @property
     def is_held(self) -> np.ndarray:
@@ -185,8 +186,8 @@ class Session:
 
     def is_pushed(self) -> bool:
         """Is any push under way or to come?"""
-        none = np.iinfo(np.int64).max
-        return any(bool(((self.loop.tick < p.end) & (p.end < none)).any()) for p in self.pushes)
+        end = self.pushes.end
+        return bool(((self.loop.tick[:, None] < end) & (end < NEVER)).any())
 
     def _disturb(self, ids: np.ndarray, begin: np.ndarray, over: np.ndarray) -> None:
         """Robots `ids` (n,) are disturbed between these ticks (n,) since their reset."""
@@ -204,20 +205,20 @@ class Session:
             for robot in recovered.tolist():
                 self._told[robot] = _words(self._watch, robot) or "without any strategy worth a name"
             self._watch.reset(recovered, self.ticks[recovered].ticks(slice(-1, None)))
-            self._begin[recovered] = _NEVER
+            self._begin[recovered] = NEVER
 
     def _hold(self) -> None:
         """What hands pull at in the next step."""
         seconds = TICKS_PER_STEP / CONTROL_HZ
         for robot, (body, force) in self._pulls.items():
             ids, now = np.array([robot]), self.loop.tick[[robot]]
-            self.loop.first_pushes.schedule(ids, np.array([body]), force * seconds, now, seconds)
+            self.pushes.schedule(ids, HAND, body, force * seconds, now, seconds)
             self._disturb(ids, now, now + TICKS_PER_STEP)
 
-    def _schedule(self, pushes: Pushes, ids: np.ndarray, push: Push) -> None:
-        body = np.full(len(ids), self.robot.body_id(push.body))
+    def _schedule(self, slot: int, ids: np.ndarray, push: Push) -> None:
+        body = self.robot.body_id(push.body)
         begin = self.loop.tick[ids] + round(push.start * CONTROL_HZ)
-        pushes.schedule(ids, body, push.impulse * np.array(push.direction), begin, push.duration)
+        self.pushes.schedule(ids, slot, body, push.impulse * np.array(push.direction), begin, push.duration)
         self._disturb(ids, begin, begin + round(push.duration * CONTROL_HZ))
 
     def _spoil(self, ids: np.ndarray) -> None:
