@@ -64,7 +64,7 @@ class Pushes:
 
     Attributes:
         start, end: first tick of each push and first tick after it, counted from the robot's reset, (N, num_slots).
-        body: MuJoCo body ids (N, num_slots).
+        body: indices into the robot's `body_names` (N, num_slots).
         force: world frame (N, num_slots, 3) [N].
         arm: height of the force's line of action above the body's CoM (N, num_slots) [m].
     """
@@ -94,7 +94,7 @@ class Pushes:
         Args:
             ids: the robots (n,).
             slot: 0 to `num_slots` - 1.
-            body: MuJoCo body ids (n,), or one for all.
+            body: indices into the robot's `body_names` (n,), or one for all.
             impulse: in the world frame (n, 3), or (3,) for all [Ns].
             start: ticks since each robot's reset (n,), or one for all.
             duration: of the push [s]; it is rounded to whole ticks, one at least.
