@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable
+from pathlib import Path
 
 # As surefoot.learning does: before any test file loads torch, whose waiting threads would starve the other workers.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
@@ -29,6 +30,9 @@ PUSH = np.array([300.0, -150.0, 80.0])
 """The force of `plain_steps` [N]."""
 NUM_BODIES = 13
 """Of the model, the world among them."""
+
+TIPTOE = Path(__file__).parent / "robots" / "tiptoe" / "tiptoe.toml"
+"""The second robot: a small biped outside the package."""
 
 Motion = Callable[[np.ndarray], dict[str, np.ndarray]]
 

@@ -12,7 +12,6 @@ from conftest import posed, step_to
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.rates import TICKS_PER_STEP
 from surefoot.robots import Robot, load_robot
-from surefoot.robots.robot import joint_group
 
 JOINTS = load_robot().joint_names
 
@@ -47,7 +46,7 @@ def free_model(robot: Robot) -> mujoco.MjModel:
 def test_gains_and_limits_are_those_of_the_paper_and_its_code(robot: Robot) -> None:
     for i, name in enumerate(robot.joint_names):
         drive = Drive(robot.stiffness[i], robot.damping[i], robot.torque_limit[i], robot.velocity_limit[i])
-        assert drive == pytest.approx(DRIVES[joint_group(name)], rel=1e-12), name
+        assert drive == pytest.approx(DRIVES[robot.joint_groups[robot.joint_names.index(name)]], rel=1e-12), name
 
 
 def test_a_small_error_gives_the_impedance_law_of_the_paper(robot: Robot) -> None:
@@ -57,7 +56,7 @@ def test_a_small_error_gives_the_impedance_law_of_the_paper(robot: Robot) -> Non
     data.qvel[6:] = 0.05
     mujoco.mj_forward(model, data)
     for i, name in enumerate(robot.joint_names):
-        drive = DRIVES[joint_group(name)]
+        drive = DRIVES[robot.joint_groups[robot.joint_names.index(name)]]
         # Equation: Kp (q_target - q) - Kd q', e.g. the knee 2000 * 0.01 - 120 * 0.05 = 14 Nm
         expected = drive.stiffness * 0.01 - drive.damping * 0.05
         assert data.actuator_force[i] == pytest.approx(expected, rel=1e-9), name
@@ -107,7 +106,7 @@ def test_a_free_joint_reaches_its_speed_limit_and_passes_it_by_less_than_5_perce
     """The rest of the floating robot swings against the joint, hence 5 % and not 0."""
     model = free_model(robot)
     index = robot.joint_names.index(joint)
-    limit = DRIVES[joint_group(joint)].speed
+    limit = DRIVES[robot.joint_groups[index]].speed
     for sign in (1.0, -1.0):
         data = posed(robot, model)
         data.ctrl[index] = sign * 1000.0

@@ -19,10 +19,10 @@ JOINTS = ["torso_pitch", *(f"left_{name}" for name in LEG), *(f"right_{name}" fo
 COMPONENTS = [
     *(f"joint_position.{joint}" for joint in JOINTS),
     *(f"joint_velocity.{joint}" for joint in JOINTS),
-    *(f"root_velocity.{axis}" for axis in "xyz"),
-    *(f"root_angular_velocity.{axis}" for axis in "xyz"),
-    "root_attitude.roll",
-    "root_attitude.pitch",
+    *(f"pelvis_velocity.{axis}" for axis in "xyz"),
+    *(f"pelvis_angular_velocity.{axis}" for axis in "xyz"),
+    "pelvis_attitude.roll",
+    "pelvis_attitude.pitch",
     *(f"com_velocity.{axis}" for axis in "xyz"),
     *(f"com_position.{axis}" for axis in "xyz"),
     "foot_force.left",
@@ -70,9 +70,9 @@ def test_every_quantity_of_a_known_state_stands_in_its_place(robot: Robot) -> No
     # A share of the speed limit: torso 9, hip roll and pitch 6.11, knee and ankles 11 rad/s.
     limits = np.array([9.0, *[6.11, 6.11, 11.0, 11.0, 11.0] * 2])
     np.testing.assert_allclose(part(vector, "joint_velocity"), np.linspace(-1.0, 1.0, 11) / limits, rtol=1e-12)
-    np.testing.assert_allclose(part(vector, "root_velocity"), [0.3, -0.2, 0.1], atol=1e-15)
-    np.testing.assert_allclose(part(vector, "root_angular_velocity"), 0.0, atol=1e-15)
-    np.testing.assert_allclose(part(vector, "root_attitude"), 0.0, atol=1e-15)
+    np.testing.assert_allclose(part(vector, "pelvis_velocity"), [0.3, -0.2, 0.1], atol=1e-15)
+    np.testing.assert_allclose(part(vector, "pelvis_angular_velocity"), 0.0, atol=1e-15)
+    np.testing.assert_allclose(part(vector, "pelvis_attitude"), 0.0, atol=1e-15)
     np.testing.assert_array_equal(part(vector, "foot_force"), 0.0)
     np.testing.assert_allclose(part(vector, "com_velocity"), ticks.com_velocity[0, 0], atol=1e-15)
     root = np.array([3.0, -2.0, 5.0])
@@ -102,16 +102,16 @@ def test_the_root_turns_about_the_heading_frames_axes(robot: Robot) -> None:
     qpos = np.concatenate([[0, 0, 5, half, 0, 0, half], np.zeros(11)])
     qvel = np.concatenate([[0.0, 2.0, 0.5], [0.1, 0.2, 0.3], np.zeros(11)])
     vector = observation.observe(in_the_air(robot, qpos[None], qvel[None]))[0, 0]
-    np.testing.assert_allclose(part(vector, "root_velocity"), [2.0, 0.0, 0.5], atol=1e-15)
-    np.testing.assert_allclose(part(vector, "root_angular_velocity"), [0.1, 0.2, 0.3], atol=1e-15)
+    np.testing.assert_allclose(part(vector, "pelvis_velocity"), [2.0, 0.0, 0.5], atol=1e-15)
+    np.testing.assert_allclose(part(vector, "pelvis_angular_velocity"), [0.1, 0.2, 0.3], atol=1e-15)
 
 
 def test_a_pitched_root_is_seen_as_pitch_and_the_heading_frame_stays_level(robot: Robot) -> None:
     qpos = np.concatenate([[0, 0, 5], [np.cos(0.1), 0, np.sin(0.1), 0], np.zeros(11)])
     qvel = np.concatenate([[1.0, 0, 0], np.zeros(14)])
     vector = observation.observe(in_the_air(robot, qpos[None], qvel[None]))[0, 0]
-    np.testing.assert_allclose(part(vector, "root_attitude"), [0.0, 0.2], atol=1e-15)
-    np.testing.assert_allclose(part(vector, "root_velocity"), [1.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(part(vector, "pelvis_attitude"), [0.0, 0.2], atol=1e-15)
+    np.testing.assert_allclose(part(vector, "pelvis_velocity"), [1.0, 0.0, 0.0], atol=1e-15)
     # The foot turns about the root with it: x cos + z sin, -x sin + z cos.
     x, z = 0.034874125, -1.171429
     expected = [x * np.cos(0.2) + z * np.sin(0.2), 0.1377046, z * np.cos(0.2) - x * np.sin(0.2)]
@@ -212,10 +212,10 @@ def test_the_mirror_exchanges_sides_and_turns_what_points_sideways(robot: Robot)
     assert mirror["joint_position.left_hip_roll"] == ("joint_position.right_hip_roll", -1.0)
     assert mirror["joint_velocity.right_knee_pitch"] == ("joint_velocity.left_knee_pitch", 1.0)
     assert mirror["joint_position.torso_pitch"] == ("joint_position.torso_pitch", 1.0)
-    assert mirror["root_velocity.y"] == ("root_velocity.y", -1.0)
-    assert [mirror[f"root_angular_velocity.{axis}"][1] for axis in "xyz"] == [-1.0, 1.0, -1.0]
-    assert mirror["root_attitude.roll"] == ("root_attitude.roll", -1.0)
-    assert mirror["root_attitude.pitch"] == ("root_attitude.pitch", 1.0)
+    assert mirror["pelvis_velocity.y"] == ("pelvis_velocity.y", -1.0)
+    assert [mirror[f"pelvis_angular_velocity.{axis}"][1] for axis in "xyz"] == [-1.0, 1.0, -1.0]
+    assert mirror["pelvis_attitude.roll"] == ("pelvis_attitude.roll", -1.0)
+    assert mirror["pelvis_attitude.pitch"] == ("pelvis_attitude.pitch", 1.0)
     assert mirror["foot_force.left"] == ("foot_force.right", 1.0)
     assert mirror["left_foot_position.y"] == ("right_foot_position.y", -1.0)
 

@@ -15,7 +15,6 @@ from surefoot.errors import UserError
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.rates import TICKS_PER_STEP
 from surefoot.robots import Robot, load_robot
-from surefoot.robots.robot import joint_group
 
 LEG = ("hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll")
 JOINTS = ("torso_pitch", *(f"left_{name}" for name in LEG), *(f"right_{name}" for name in LEG))
@@ -56,7 +55,7 @@ def test_the_whole_robot_weighs_what_its_links_weigh(robot: Robot) -> None:
 def test_every_body_has_the_mass_of_its_links(robot: Robot) -> None:
     model = robot.model()
     masses = {model.body(i).name: model.body_mass[i] for i in range(1, model.nbody)}
-    expected = {"root": 13.5, "torso": TORSO_MASS}
+    expected = {"pelvis": 13.5, "torso": TORSO_MASS}
     expected |= {f"{side}_{part}": mass for side in ("left", "right") for part, mass in LEG_MASS.items()}
     assert masses == pytest.approx(expected, abs=1e-6)
 
@@ -72,7 +71,7 @@ def test_the_com_of_the_straight_robot_is_at_the_papers_height(robot: Robot) -> 
 @pytest.mark.parametrize(
     ("body", "com", "inertia"),
     [
-        ("root", (0.0044654, -0.0021384, -0.0544803), (0.26477037, 0.19340185, 0.15775318)),
+        ("pelvis", (0.0044654, -0.0021384, -0.0544803), (0.26477037, 0.19340185, 0.15775318)),
         ("torso", (-0.0264063, -0.0010217, 0.2336136), (6.84978740, 3.64731589, 4.41874504)),
         ("left_thigh", (0.016691, 0.192997, -0.454075), (0.24083413, 0.25689705, 0.02327635)),
         ("right_thigh", (0.016691, -0.192997, -0.454075), (0.24083413, 0.25689705, 0.02327635)),
@@ -115,7 +114,7 @@ def test_joints_come_in_the_order_torso_left_leg_right_leg(robot: Robot) -> None
 
 def test_joint_ranges_are_the_urdfs(robot: Robot) -> None:
     for i, name in enumerate(robot.joint_names):
-        expected = RANGES.get(name) or RANGES[joint_group(name)]
+        expected = RANGES.get(name) or RANGES[robot.joint_groups[robot.joint_names.index(name)]]
         assert (robot.joint_lower[i], robot.joint_upper[i]) == expected, name
 
 
@@ -227,7 +226,7 @@ def test_thighs_pass_the_root_that_carries_them(robot: Robot) -> None:
     model = robot.model()
     for pitch in np.linspace(-1.6, 1.619, 9):
         data = posed(robot, model, left_hip_pitch=pitch)
-        assert not {pair for pair in contacts(model, data) if "root" in pair}, pitch
+        assert not {pair for pair in contacts(model, data) if robot.root in pair}, pitch
 
 
 def test_sliding_feet_are_braked_by_a_friction_of_one(robot: Robot) -> None:
@@ -272,7 +271,7 @@ def test_friction_at_a_tenth_of_its_limit_holds_a_standing_robots_feet(robot: Ro
 def test_an_unknown_robot_is_answered_with_the_known_ones() -> None:
     with pytest.raises(UserError) as error:
         load_robot("atlas")
-    assert str(error.value) == "unknown robot 'atlas'; valid: valkyrie"
+    assert str(error.value) == "unknown robot 'atlas'; valid: valkyrie, or a description (.toml)"
 
 
 def test_an_unknown_pose_is_answered_with_the_known_ones(robot: Robot) -> None:
@@ -284,7 +283,7 @@ def test_an_unknown_pose_is_answered_with_the_known_ones(robot: Robot) -> None:
 def test_an_unknown_body_is_answered_with_the_known_ones(robot: Robot) -> None:
     with pytest.raises(UserError) as error:
         robot.body_id("head")
-    valid = "root, torso, left_thigh, right_thigh, left_shank, right_shank"
+    valid = "root, pelvis, torso, left_thigh, right_thigh, left_shank, right_shank"
     assert str(error.value) == f"unknown body 'head' of valkyrie; valid: {valid}"
 
 
@@ -299,9 +298,6 @@ def test_poses_stay_within_the_joint_ranges_and_left_equals_right(robot: Robot) 
     assert bent[3] == 0.5
 
 
-def test_a_joints_group_is_its_name_without_the_side() -> None:
-    assert [joint_group(name) for name in ("torso_pitch", "left_knee_pitch", "right_hip_roll")] == [
-        "torso_pitch",
-        "knee_pitch",
-        "hip_roll",
-    ]
+def test_a_joints_group_is_what_its_name_shares_with_its_mirror_image(robot: Robot) -> None:
+    one_side = ["hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "ankle_roll"]
+    assert list(robot.joint_groups) == ["torso_pitch", *one_side, *one_side]

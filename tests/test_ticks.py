@@ -72,11 +72,10 @@ def test_power_is_the_sum_of_torque_times_speed_over_the_joints(motion: tuple, s
     _, _, ticks = motion
     by_hand = sum(abs(ticks.joint_torque[0, 7, j] * ticks.joint_velocity[0, 7, j]) for j in range(11))
     assert ticks.power[0, 7] == pytest.approx(by_hand, rel=1e-12)
-    still = {f"{name}_velocity": 0.0 for name in standing.robot.joint_names}
-    moving = {"torso_pitch_velocity": -2.0, "torso_pitch_torque": 30.0}
-    moving |= {"left_knee_pitch_velocity": 0.5, "left_knee_pitch_torque": 100.0}
+    speed, torque = np.zeros(11), np.zeros(11)
+    speed[[0, 3]], torque[[0, 3]] = (-2.0, 0.5), (30.0, 100.0)  # torso and left knee
     # |30 * -2| + |100 * 0.5| = 110 W: a braking joint costs too
-    np.testing.assert_allclose(altered(standing, **(still | moving)).power, 110.0)
+    np.testing.assert_allclose(altered(standing, joint_velocity=speed, joint_torque=torque).power, 110.0)
 
 
 def test_the_capture_point_is_the_com_plus_its_speed_times_the_pendulums_time(motion: tuple, robot: Robot) -> None:
