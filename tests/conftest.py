@@ -41,15 +41,17 @@ def an_outcome(**changes: object) -> Outcome:
     """An outcome of a trial that recovered at its horizon, but for what is changed; six joint groups."""
     values = {
         "recovered": True, "reason": "recovered", "seconds": 10.0, "foot_shift": 0.0, "com_speed": 0.01,
-        "root_tilt": 0.1, "ankle": False, "hip": False, "foot_tilt": False, "steps": 0, "calm_drift": 0.001,
-        "calm_power": 2.0, "calm_steps": 0.0, "torque_ratio": 0.5, "speed_ratio": 0.25, "torque_peaks": (10.0,) * 6,
+        "root_tilt": 0.1, "ankle": False, "hip": False, "foot_tilt": False, "steps": 0, "quiet_drift": 0.001,
+        "quiet_power": 2.0, "quiet_steps": 0.0, "torque_ratio": 0.5, "speed_ratio": 0.25, "torque_peaks": (10.0,) * 6,
         "speed_peaks": (1.0,) * 6, "saturated_s": (0.0,) * 6,
     }  # fmt: skip
     return Outcome(**(values | changes))
 
 
-def pushed(impulse: float, seed: int, direction: tuple = (1.0, 0.0, 0.0), whole: bool = True, **push: object) -> Trial:
-    return Trial(Push(direction=direction, impulse=impulse, **push), seed, whole)
+def pushed(
+    impulse: float, seed: int, direction: tuple = (1.0, 0.0, 0.0), full_length: bool = True, **push: object
+) -> Trial:
+    return Trial(Push(direction=direction, impulse=impulse, **push), seed, full_length)
 
 
 class MovingPolicy(NominalAgent):

@@ -15,7 +15,8 @@ import numpy as np
 
 from surefoot.agents.controllers import load_agent, shipped_controllers
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, Line
+from surefoot.evaluation.scenarios import Line
+from surefoot.evaluation.suites import PAPER, ROBUSTNESS
 from surefoot.evaluation.trials import Trial, run_list
 
 FILE = Path(__file__).parent / "data" / "referee.csv"

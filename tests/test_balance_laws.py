@@ -169,7 +169,7 @@ def test_a_foothold_in_closed_form_stops_the_capture_point_there(robot: Robot) -
 
 def pushes(name: str, impulses: dict[str, float], seeds: range) -> dict[Trial, Outcome]:
     trials = [
-        Trial(Push(direction=WAYS[way], impulse=impulse), seed, whole=False)
+        Trial(Push(direction=WAYS[way], impulse=impulse), seed, full_length=False)
         for way, impulse in impulses.items()
         for seed in seeds
     ]
@@ -213,7 +213,7 @@ def test_those_that_step_hold_more_and_end_up_standing(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["controllers/urata2011", "controllers/stephens2010", "controllers/wieber2006a"])
 def test_a_robots_bits_do_not_depend_on_its_neighbours(name: str) -> None:
-    trials = [pushed(66.0, 0, way, whole=False) for way in (WAYS["forward"], WAYS["left"])]
+    trials = [pushed(66.0, 0, way, full_length=False) for way in (WAYS["forward"], WAYS["left"])]
 
     def run(num_slots: int) -> dict[Trial, str]:
         found = run_list(load_controller(name), trials, num_slots=num_slots, num_threads=1)

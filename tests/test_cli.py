@@ -136,7 +136,7 @@ def test_a_scenario_file_is_evaluated(tmp_path: Path) -> None:
         impulse = 300
         trials = 2
         horizon = 3
-        calm_from = 1
+        quiet_from = 1
     """
     (tmp_path / "mine.toml").write_text(text)
     arguments = ("evaluate", "nominal", "--suite", "mine.toml", "--json", "figures.json", "--export", "trials.csv")

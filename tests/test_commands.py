@@ -67,9 +67,12 @@ def test_directions_are_words_or_degrees_to_the_left(words, direction):
 
 def test_a_scenario_is_shown_as_it_is_tested():
     line = {
-        line.name: line for line in Scenario("combined", first_impulse=500.0, first_up=True, gap=(0.24, 0.24)).lines()
+        line.name: line
+        for line in Scenario(
+            "combined", preceding_impulse=500.0, preceding_upward=True, push_interval=(0.24, 0.24)
+        ).lines()
     }
-    assert scenario_trial("combined", "left", 72.0, 3) == line["left"].trial(12, 3, whole=True)
+    assert scenario_trial("combined", "left", 72.0, 3) == line["left"].trial(12, 3, full_length=True)
     assert scenario_trial("drop_055", "forward", 120.0, 1).drop == Drop(0.55)
 
 

@@ -61,7 +61,7 @@ def driven(
 
 
 def short(trial: Trial, horizon: float = 1.5) -> Trial:
-    return dataclasses.replace(trial, horizon=horizon, calm_from=0.5)
+    return dataclasses.replace(trial, horizon=horizon, quiet_from=0.5)
 
 
 # Motors.
@@ -312,7 +312,7 @@ def test_the_example_holds_pushes_that_the_pose_alone_does_not() -> None:
     file = ROOT / "examples" / "capture_point.py"
     lines = [line for line in file.read_text().splitlines() if line.strip()]
     assert len(lines) < 50
-    trials = [pushed(60.0, seed, whole=False) for seed in range(4)]
+    trials = [pushed(60.0, seed, full_length=False) for seed in range(4)]
     mine = run_list(load_agent(f"{file}:CapturePoint"), trials, num_slots=4, num_threads=1)
     pose = run_list(load_agent("controllers/stand"), trials, num_slots=4, num_threads=1)
     assert all(outcome.recovered for outcome in mine.values())
@@ -324,7 +324,7 @@ def test_the_example_holds_pushes_that_the_pose_alone_does_not() -> None:
 
 def test_a_controllers_trial_is_replayed_bit_for_bit_alone(tmp_path: Path) -> None:
     entrant = load_controller("controllers/ankle")
-    trials = [dataclasses.replace(pushed(48.0, 0, whole=False)), Trial(seed=1, drop=Drop(0.2), whole=False)]
+    trials = [dataclasses.replace(pushed(48.0, 0, full_length=False)), Trial(seed=1, drop=Drop(0.2), full_length=False)]
     outcomes = run_list(entrant, trials, num_slots=2, num_threads=1)
     with Results(tmp_path / "r.sqlite") as results:
         store = results.trials_of(entrant)

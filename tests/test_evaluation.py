@@ -12,10 +12,10 @@ from conftest import an_outcome
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation import threshold_search as climb
-from surefoot.evaluation.evaluate import _Search, find_thresholds, push_lines, run_scenarios, whole_outcomes
+from surefoot.evaluation.evaluate import _Search, find_thresholds, full_length_outcomes, push_lines, run_scenarios
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenarios import Line, Scenario
-from surefoot.evaluation.threshold_search import NUM_SAMPLED, NUM_WHOLE, Threshold, wilson_interval
+from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold, wilson_interval
 from surefoot.evaluation.trials import Trial, run_list
 
 FORWARD, LEFT = push_lines()[:2]
@@ -40,7 +40,7 @@ class KnownOutcomes:
 
     def get(self, trial: Trial) -> Outcome:
         self.asked.append(trial)
-        failed = self.fails(cell_of(trial), trial.seed, trial.whole)
+        failed = self.fails(cell_of(trial), trial.seed, trial.full_length)
         return an_outcome(recovered=not failed, reason="fell" if failed else "recovered")
 
     def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None:
@@ -88,8 +88,8 @@ class Arena:
             while len(running) < num_slots and (trial := search.next()):
                 running.append(trial)
                 self.begun.append(trial)
-            for cell in {cell_of(trial) for trial in running if trial.whole}:
-                now = sum(trial.whole and cell_of(trial) == cell for trial in running)
+            for cell in {cell_of(trial) for trial in running if trial.full_length}:
+                now = sum(trial.full_length and cell_of(trial) == cell for trial in running)
                 self.most[cell] = max(self.most.get(cell, 0), now)
             if not running:
                 break
@@ -102,7 +102,7 @@ class Arena:
 
 
 def by_rule(fails: Fails) -> Callable[[Trial], Outcome]:
-    return lambda trial: an_outcome(recovered=not fails(cell_of(trial), trial.seed, trial.whole))
+    return lambda trial: an_outcome(recovered=not fails(cell_of(trial), trial.seed, trial.full_length))
 
 
 def test_seeds_that_failed_elsewhere_are_tried_first() -> None:
@@ -110,7 +110,7 @@ def test_seeds_that_failed_elsewhere_are_tried_first() -> None:
     weak = (30, 33, 36)
     arena = Arena([FORWARD], by_rule(lambda cell, seed, whole: cell > (2 if whole and seed in weak else 40)), 8)
     assert [t.size for t in arena.thresholds] == [12.0]
-    judged = [cell_of(trial) for trial in arena.begun if trial.whole]
+    judged = [cell_of(trial) for trial in arena.begun if trial.full_length]
     # In order the third weak seed would be the 37th trial of each of the cells 40 to 3: 38 * 37 = 1406 trials.
     assert len(judged) < 600
     assert judged.count(2) == 40
@@ -158,8 +158,8 @@ def test_a_policy_that_cannot_even_stand_is_worth_nothing() -> None:
 def test_every_smaller_cell_has_8_trials_and_the_threshold_has_40_whole_ones() -> None:
     _, store = threshold_where(lambda cell, seed, whole: cell > 20)
     for cell in range(1, 20):
-        assert {t.seed for t in store.asked if not t.whole and cell_of(t) == cell} == set(range(NUM_SAMPLED))
-    assert {t.seed for t in store.asked if t.whole and t.push.impulse == 120.0} == set(range(NUM_WHOLE))
+        assert {t.seed for t in store.asked if not t.full_length and cell_of(t) == cell} == set(range(NUM_SCREENING))
+    assert {t.seed for t in store.asked if t.full_length and t.push.impulse == 120.0} == set(range(NUM_FULL_LENGTH))
 
 
 def test_no_trial_is_asked_for_twice() -> None:
@@ -185,7 +185,7 @@ def test_a_threshold_says_what_stopped_it(fails: Fails, limited_by: str) -> None
 def test_the_whole_trials_at_a_threshold_can_be_read_again() -> None:
     store = KnownOutcomes(lambda cell, seed, whole: cell > 20 or seed == 3)
     (threshold,) = find_thresholds(NominalAgent(), [FORWARD], store, num_slots=1)
-    outcomes = whole_outcomes(threshold, store)
+    outcomes = full_length_outcomes(threshold, store)
     assert [outcome.recovered for outcome in outcomes] == [seed != 3 for seed in range(40)]
 
 
@@ -213,7 +213,11 @@ def test_a_height_is_searched_in_steps_of_5_cm() -> None:
     (line,) = Scenario("landing_height", search="height", directions=1).lines()
     height, store = threshold_where(lambda cell, seed, whole: cell > 11, line)
     assert height == 0.55
-    assert {trial.drop.height for trial in store.asked if not trial.whole and cell_of(trial) <= 3} == {0.05, 0.1, 0.15}
+    assert {trial.drop.height for trial in store.asked if not trial.full_length and cell_of(trial) <= 3} == {
+        0.05,
+        0.1,
+        0.15,
+    }
 
 
 def test_a_tilt_is_searched_in_steps_of_1_degree_from_its_height() -> None:
@@ -266,7 +270,7 @@ def test_idle_robots_judge_the_next_candidates_by_six_trials_each() -> None:
     arena = Arena([FORWARD], by_rule(fails), num_slots=192)
     assert [threshold.size for threshold in arena.thresholds] == [102.0]
     # Six trials of the candidate first; then six of each of the eleven below it.
-    first = [cell_of(trial) for trial in arena.begun if trial.whole][:72]
+    first = [cell_of(trial) for trial in arena.begun if trial.full_length][:72]
     assert first == [cell for cell in range(21, 9, -1) for _ in range(6)]
     assert arena.most[21] == 6
 
@@ -279,7 +283,7 @@ def test_robots_that_are_needed_elsewhere_do_not_look_ahead() -> None:
 
     arena = Arena([LEFT, FORWARD], outcome, num_slots=4)
     assert [threshold.size for threshold in arena.thresholds] == [18.0, 600.0]
-    judged = [trial for trial in arena.begun if trial.whole and trial.push.direction[1] > 0.5]
+    judged = [trial for trial in arena.begun if trial.full_length and trial.push.direction[1] > 0.5]
     assert {cell_of(trial) for trial in judged if cell_of(trial) <= 3} == {3}
 
 
@@ -289,7 +293,7 @@ def test_what_was_looked_ahead_for_is_dropped_once_the_candidate_holds() -> None
         store = Memory()
         arena = Arena([FORWARD], by_rule(lambda cell, seed, whole: cell > 20), 192, seed, store)
         assert [threshold.size for threshold in arena.thresholds] == [120.0]
-        ahead = [trial for trial in arena.begun if trial.whole and cell_of(trial) < 20]
+        ahead = [trial for trial in arena.begun if trial.full_length and cell_of(trial) < 20]
         assert len(ahead) <= 11 * 6
         num_dropped.append(sum(trial not in store for trial in ahead))
     assert max(num_dropped) > 0
@@ -325,7 +329,7 @@ def test_holding_the_nominal_pose_rejects_what_its_own_trials_say() -> None:
     (threshold,) = find_thresholds(policy, [backward], num_slots=32)
     assert 0.0 < threshold.size < 60.0
     cell = round(threshold.size / backward.grid)
-    trials = [backward.trial(cell, seed, whole=True) for seed in range(NUM_WHOLE)]
+    trials = [backward.trial(cell, seed, full_length=True) for seed in range(NUM_FULL_LENGTH)]
     outcomes = run_list(policy, trials, num_slots=40)
     assert sum(outcome.recovered for outcome in outcomes.values()) == threshold.recovered >= 38
 

@@ -9,7 +9,8 @@ import pytest
 
 from surefoot.evaluation import scenarios
 from surefoot.evaluation.scenario_file import suite
-from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, Scenario
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.suites import PAPER, ROBUSTNESS
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "scenarios.toml"
@@ -24,11 +25,11 @@ def test_the_example_is_read_as_it_says() -> None:
     assert (found["shoulder_height"].body, found["shoulder_height"].lever) == ("torso", 0.45)
     assert found["icy_slope"].domain.slope == pytest.approx(math.radians(4.0))
     assert [line.name for line in found["icy_slope"].lines()] == ["backward"]
-    starts = [found["one_two"].lines()[0].trial(10, seed, whole=True).push.start for seed in range(20)]
+    starts = [found["one_two"].lines()[0].trial(10, seed, full_length=True).push.start for seed in range(20)]
     assert all(0.5 <= start <= 1.0 for start in starts)
     assert found["one_two"].without_step
     assert len(found["tired_motors"].lines()[0].fixed_trials()) == 8
-    leaning = found["from_a_step"].lines()[0].trial(7, 0, whole=True).drop
+    leaning = found["from_a_step"].lines()[0].trial(7, 0, full_length=True).drop
     assert leaning is not None
     assert (leaning.height, leaning.pitch) == (0.3, pytest.approx(math.radians(7.0)))
 

@@ -9,7 +9,8 @@ import pytest
 from conftest import an_outcome
 
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.scenarios import PAPER, Scenario
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.suites import PAPER
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
 from surefoot.report.metrics import flat_metrics, share_kept
@@ -18,7 +19,7 @@ from surefoot.robots import Robot
 
 BY_NAME = {scenario.name: scenario for scenario in PAPER}
 FELL = an_outcome(
-    recovered=False, reason="fell", com_speed=math.nan, calm_drift=math.nan, calm_power=math.nan, calm_steps=math.nan
+    recovered=False, reason="fell", com_speed=math.nan, quiet_drift=math.nan, quiet_power=math.nan, quiet_steps=math.nan
 )
 
 
@@ -94,8 +95,8 @@ def test_the_share_kept_by_hand() -> None:
 
 def test_quiet_standing_is_the_largest_drift_and_all_the_steps(robot: Robot) -> None:
     stood = (
-        an_outcome(calm_drift=0.01234, calm_power=3.0),
-        an_outcome(calm_drift=0.002, calm_power=4.567, calm_steps=2.0),
+        an_outcome(quiet_drift=0.01234, quiet_power=3.0),
+        an_outcome(quiet_drift=0.002, quiet_power=4.567, quiet_steps=2.0),
     )
     figures = figures_of(robot, [], fixed("quiet", *stood))
     assert (figures["quiet.com_drift_m"], figures["quiet.mean_power_W"], figures["quiet.steps"]) == (0.0123, 4.57, 2.0)
@@ -105,8 +106,8 @@ def test_quiet_standing_is_the_largest_drift_and_all_the_steps(robot: Robot) -> 
 
 
 def test_quiet_after_a_push_is_that_of_the_recovered_and_says_how_many_they_are(robot: Robot) -> None:
-    outcomes = fixed("quiet_after_48", an_outcome(calm_steps=1.0), an_outcome(calm_drift=0.03))
-    outcomes |= fixed("quiet_after_150", FELL, an_outcome(calm_power=9.0))
+    outcomes = fixed("quiet_after_48", an_outcome(quiet_steps=1.0), an_outcome(quiet_drift=0.03))
+    outcomes |= fixed("quiet_after_150", FELL, an_outcome(quiet_power=9.0))
     figures = figures_of(robot, [], outcomes)
     assert figures["quiet_after_push.recovered_share"] == 0.75
     assert figures["quiet_after_push.com_drift_m"] == 0.03

@@ -95,7 +95,7 @@ def test_a_policy_that_gives_nan_to_one_robot_diverges_there_and_nowhere_else(ro
 
 @pytest.mark.usefixtures("in_scratch_folder")
 def test_every_trial_in_a_slot_that_diverges_again_is_diverged(robot: Robot) -> None:
-    trials = [pushed(200.0, seed, whole=False) for seed in range(3)]
+    trials = [pushed(200.0, seed, full_length=False) for seed in range(3)]
     outcomes = run_list(NanPolicy(robot, slot=None), trials, num_slots=1, num_threads=1)
     assert [outcomes[trial].reason for trial in trials] == ["diverged"] * 3
     # In their first policy step: 20 ticks after the start, which is 500 to 519 ticks before the push.
@@ -137,7 +137,7 @@ def test_a_foot_that_moves_more_than_3_cm_has_stepped(robot: Robot) -> None:
         up = np.clip((time - 1.5) / 0.2, 0, 1) - np.clip((time - 1.9) / 0.2, 0, 1)
         return {"left_hip_pitch": -0.4 * up, "left_knee_pitch": 0.6 * up, "left_ankle_pitch": -0.2 * up}
 
-    trial = pushed(0.0, 5, whole=False)
+    trial = pushed(0.0, 5, full_length=False)
     standing, _ = run_one(NominalAgent(robot, "straight"), trial)
     stepping, trace = run_one(MovingPolicy(robot, march, "straight"), trial, "foot_contact")
     assert standing.foot_shift < 0.03
@@ -160,7 +160,7 @@ def test_without_step_is_a_recovery_with_both_feet_in_place(
 
 @pytest.mark.parametrize("horizon", [2.0, 3.5])
 def test_a_trial_is_judged_at_its_own_horizon(robot: Robot, horizon: float) -> None:
-    trial = replace(pushed(12.0, 11), horizon=horizon, calm_from=1.0)
+    trial = replace(pushed(12.0, 11), horizon=horizon, quiet_from=1.0)
     outcome, trace = run_one(NominalAgent(robot), trial, "com_velocity")
     rng = np.random.default_rng(trial.seed)
     rng.uniform(-0.02, 0.02, robot.num_joints)
@@ -182,7 +182,7 @@ class Watched:
         self.still = {f"{joint}_{what}": 0.0 for joint in robot.joint_names for what in ("velocity", "torque")}
         self.still |= {"com_velocity": 0.0, "root_up": (0.0, 0.0, 1.0)}
         self.judge, self.tick = TrialMonitor(robot, 1), 0
-        values = {"start": 0, "push_end": 60, "horizon": 2.0, "calm_from": 1.0, "whole": True} | changes
+        values = {"start": 0, "push_end": 60, "horizon": 2.0, "quiet_from": 1.0, "full_length": True} | changes
         first = altered(standing, **self.still)
         self.judge.reset(np.array([0]), first, **{name: np.array([value]) for name, value in values.items()})
 
@@ -203,7 +203,7 @@ def test_a_robot_that_does_nothing_is_perfectly_calm(watched: Watched) -> None:
     assert watched.goes_on(49) is None
     outcome = watched.goes_on(1)
     assert (outcome.recovered, outcome.seconds, outcome.steps, outcome.com_speed) == (True, 2.0, 0, 0.0)
-    assert (outcome.calm_drift, outcome.calm_power, outcome.calm_steps) == (0.0, 0.0, 0.0)
+    assert (outcome.quiet_drift, outcome.quiet_power, outcome.quiet_steps) == (0.0, 0.0, 0.0)
     assert outcome.torque_peaks == outcome.speed_peaks == outcome.saturated_s == (0.0,) * 6
 
 
@@ -213,7 +213,7 @@ def test_calm_power_is_the_mean_over_the_calm_time(watched: Watched) -> None:
     torso = {"torso_pitch_torque": 30.0, "torso_pitch_velocity": -2.0}
     watched.goes_on(10, **torso)
     watched.goes_on(5, **torso, left_knee_pitch_torque=100.0, left_knee_pitch_velocity=0.5)
-    assert watched.goes_on(10).calm_power == pytest.approx(46.0, rel=1e-12)
+    assert watched.goes_on(10).quiet_power == pytest.approx(46.0, rel=1e-12)
 
 
 def test_calm_drift_is_the_farthest_from_the_place_at_which_the_calm_time_begins(watched: Watched) -> None:
@@ -221,14 +221,14 @@ def test_calm_drift_is_the_farthest_from_the_place_at_which_the_calm_time_begins
     watched.goes_on(5, com_position=(0.2, 0.1, 1.0))
     watched.goes_on(5, com_position=(0.23, 0.1, 1.0))
     watched.goes_on(5, com_position=(0.23, 0.14, 2.0))  # hypot(0.03, 0.04); upwards is not counted
-    assert watched.goes_on(15, com_position=(0.2, 0.1, 1.0)).calm_drift == pytest.approx(0.05, abs=1e-12)
+    assert watched.goes_on(15, com_position=(0.2, 0.1, 1.0)).quiet_drift == pytest.approx(0.05, abs=1e-12)
 
 
 def test_a_trial_that_ends_early_was_not_seen_to_be_calm(watched: Watched) -> None:
     watched.goes_on(30)
     outcome = watched.goes_on(1, ground_contact=watched.standing["ground_contact"] + 1.0)
     assert (outcome.reason, outcome.seconds) == ("fell", 31 * 0.04)
-    assert np.isnan([outcome.calm_drift, outcome.calm_power, outcome.calm_steps, outcome.com_speed]).all()
+    assert np.isnan([outcome.quiet_drift, outcome.quiet_power, outcome.quiet_steps, outcome.com_speed]).all()
 
 
 def test_peaks_are_the_largest_of_either_side_of_a_joint_group(robot: Robot, watched: Watched) -> None:
@@ -291,20 +291,20 @@ def test_a_reset_forgets_the_last_trial(robot: Robot, standing: StepRecord, alte
 
 
 def test_the_nominal_pose_stands_calmly(robot: Robot) -> None:
-    trial = replace(pushed(0.0, 3), horizon=8.0, calm_from=6.0)
+    trial = replace(pushed(0.0, 3), horizon=8.0, quiet_from=6.0)
     outcome, _ = run_one(NominalAgent(robot, "bent"), trial)
     assert outcome.recovered
-    assert outcome.calm_drift < 0.002
-    assert outcome.calm_power < 0.5
-    assert (outcome.calm_steps, outcome.steps) == (0.0, 0)
+    assert outcome.quiet_drift < 0.002
+    assert outcome.quiet_power < 0.5
+    assert (outcome.quiet_steps, outcome.steps) == (0.0, 0)
     assert outcome.saturated_s == (0.0,) * 6
     # A robot that squats all the time is not calm.
     restless, _ = run_one(MovingPolicy(robot, squat(0.2)), trial)
-    assert restless.calm_power > 20.0
+    assert restless.quiet_power > 20.0
 
 
 def test_the_calm_time_is_what_its_ticks_say(robot: Robot) -> None:
-    trial = replace(pushed(24.0, 11, LEFT), horizon=4.0, calm_from=1.0)
+    trial = replace(pushed(24.0, 11, LEFT), horizon=4.0, quiet_from=1.0)
     outcome, trace = run_one(
         NominalAgent(robot),
         trial,
@@ -320,10 +320,10 @@ def test_the_calm_time_is_what_its_ticks_say(robot: Robot) -> None:
     # The first policy step that begins in the calm time, 1 s after the push began, and 3 s from there.
     first = -(-(start + 500) // 20) * 20
     calm = slice(first, first + 1500)
-    assert outcome.calm_power == pytest.approx(trace["joint_power"][calm].sum(axis=1).mean(), rel=1e-9)
+    assert outcome.quiet_power == pytest.approx(trace["joint_power"][calm].sum(axis=1).mean(), rel=1e-9)
     place = trace["com_position"][:, :2]
     drift = np.linalg.norm(place[first + 19 : calm.stop : 20] - place[first - 1], axis=1)
-    assert outcome.calm_drift == pytest.approx(drift.max(), rel=1e-9)
+    assert outcome.quiet_drift == pytest.approx(drift.max(), rel=1e-9)
     columns = [[0], [1, 6], [2, 7], [3, 8], [4, 9], [5, 10]]
     torque, speed = np.abs(trace["joint_torque"]).max(axis=0), np.abs(trace["joint_velocity"]).max(axis=0)
     assert outcome.torque_peaks == tuple(torque[group].max() for group in columns)
@@ -335,7 +335,7 @@ def test_a_joint_is_saturated_while_its_motor_gives_all_it_has(robot: Robot) -> 
     """Landing from 0.5 m takes the knees to their limit; motors of 80 % have a limit of 80 %."""
     for strength in (1.0, 0.8):
         domain = DomainParameters(motor_strength=strength)
-        trial = replace(pushed(0.0, 1), drop=Drop(0.5), horizon=2.0, calm_from=1.0, domain=domain)
+        trial = replace(pushed(0.0, 1), drop=Drop(0.5), horizon=2.0, quiet_from=1.0, domain=domain)
         outcome = run_list(NominalAgent(robot), [trial], num_slots=1, num_threads=1, domain=domain)[trial]
         knee = GROUPS.index("knee_pitch")
         assert outcome.torque_peaks[knee] == pytest.approx(350.0 * strength)

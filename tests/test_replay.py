@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.resources
 import json
 import sqlite3
 import subprocess
@@ -17,7 +18,8 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation import replay
 from surefoot.evaluation.results import Results
-from surefoot.evaluation.scenarios import NOISE, Scenario
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.suites import NOISE
 from surefoot.evaluation.trials import Trial, run_list
 
 NETWORK = shipped_policies()[-1]
@@ -28,9 +30,9 @@ NETWORK = shipped_policies()[-1]
 def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ten trials of a shipped network in one batch, short ones: rows 1 to 10."""
     policy, path = load_policy(NETWORK), tmp_path_factory.mktemp("replay") / "r.sqlite"
-    scenarios = (Scenario("push", horizon=2.0, calm_from=1.0), dataclasses.replace(NOISE["noise_both"], horizon=6.0))
-    trials = [line.trial(25, seed, whole=True) for seed, s in enumerate(scenarios) for line in s.lines()]
-    trials += [scenarios[0].lines()[i].trial(50, 3, whole=True) for i in range(2)]
+    scenarios = (Scenario("push", horizon=2.0, quiet_from=1.0), dataclasses.replace(NOISE["noise_both"], horizon=6.0))
+    trials = [line.trial(25, seed, full_length=True) for seed, s in enumerate(scenarios) for line in s.lines()]
+    trials += [scenarios[0].lines()[i].trial(50, 3, full_length=True) for i in range(2)]
     with Results(path) as results:
         store = results.trials_of(policy)
         for trial, outcome in run_list(policy, trials).items():
@@ -75,7 +77,7 @@ def test_every_row_comes_out_again_alone(table: Path) -> None:
 
 def test_differences_are_of_bits_and_nan_equals_nan(table: Path) -> None:
     with Results(table) as results:
-        before = dataclasses.replace(results.row(1).outcome, calm_drift=float("nan"), com_speed=0.1)
+        before = dataclasses.replace(results.row(1).outcome, quiet_drift=float("nan"), com_speed=0.1)
     after = dataclasses.replace(before, com_speed=np.nextafter(0.1, 1.0), steps=before.steps + 1)
     assert replay.differences(before, before) == []
     assert [name for name, _, _ in replay.differences(before, after)] == ["com_speed", "steps"]
@@ -132,7 +134,7 @@ def test_a_policy_is_found_by_its_digest_and_another_one_is_refused(tmp_path, mo
 
 def test_a_policy_is_found_in_runs_and_in_a_given_run_folder(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    source = Path(replay.__file__).parent / "policies" / f"{NETWORK}.onnx"
+    source = importlib.resources.files("surefoot.agents") / "shipped" / f"{NETWORK}.onnx"
     folder = tmp_path / "runs" / "study" / "trpo-0"
     folder.mkdir(parents=True)
     (folder / "last.onnx").write_bytes(source.read_bytes())

@@ -22,7 +22,8 @@ from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.replay import differences
 from surefoot.evaluation.results import Results
-from surefoot.evaluation.scenarios import PAPER, SINGLE, Scenario
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.suites import PAPER, SINGLE
 from surefoot.evaluation.threshold_search import Threshold, wilson_interval
 from surefoot.evaluation.trials import run_list
 from surefoot.rates import CONTROL_DT
@@ -46,7 +47,7 @@ def outcomes() -> dict[str, Outcome]:
     """The real ones of the trials that the report draws, of the nominal pose."""
     trials = {scenario.name: scenario.lines()[0].fixed_trials()[0] for scenario in FIXED}
     for scenario in SEARCHED:
-        trials[scenario.name] = scenario.lines()[0].trial(round(SIZES[scenario.name] / 6.0), 0, whole=True)
+        trials[scenario.name] = scenario.lines()[0].trial(round(SIZES[scenario.name] / 6.0), 0, full_length=True)
     found = run_list(NominalAgent(), trials.values())
     return {name: found[trial] for name, trial in trials.items()}
 
@@ -69,11 +70,11 @@ def fill(path: Path, policy: Policy, outcomes: dict[str, Outcome], size_factor: 
             for line in scenario.lines():
                 size = size_factor * SIZES[scenario.name]
                 cell = round(size / line.grid)
-                store.put(line.trial(cell, 0, whole=True), outcomes[scenario.name], scenario.name)
+                store.put(line.trial(cell, 0, full_length=True), outcomes[scenario.name], scenario.name)
                 for sampled in range(1, cell + 4):
                     for seed in range(8):
                         end = dataclasses.replace(outcomes["root_push"], recovered=sampled <= cell + seed % 3)
-                        store.put(line.trial(sampled, seed, whole=False), end, scenario.name)
+                        store.put(line.trial(sampled, seed, full_length=False), end, scenario.name)
                 thresholds.append(Threshold(line, size, 1, 1, *wilson_interval(1, 1), "share"))
         for scenario in FIXED:
             store.put(scenario.lines()[0].fixed_trials()[0], outcomes[scenario.name], scenario.name)

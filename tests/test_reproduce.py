@@ -18,7 +18,7 @@ from surefoot.learning.config import preset
 from surefoot.learning.curve import read_curve
 from surefoot.learning.train import Progress
 
-SCENARIOS = (Scenario("quick", search="", directions=2, impulse=12.0, trials=1, horizon=2.0, calm_from=0.0),)
+SCENARIOS = (Scenario("quick", search="", directions=2, impulse=12.0, trials=1, horizon=2.0, quiet_from=0.0),)
 
 
 def study(out: Path, **changes) -> Study:

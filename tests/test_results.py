@@ -20,7 +20,8 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import find_thresholds
 from surefoot.evaluation.results import Results, read_thresholds
-from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, Scenario
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.suites import PAPER, ROBUSTNESS
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trial_json import trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial, run_list
@@ -28,12 +29,12 @@ from surefoot.physics.pushes import Drop, Push
 from surefoot.robots.domain import DomainParameters
 from surefoot.task.imperfections import Imperfections
 
-TRIAL = Trial(Push("root", (0.0, -1.0, 0.0), 42.0), seed=3, whole=False)
+TRIAL = Trial(Push("root", (0.0, -1.0, 0.0), 42.0), seed=3, full_length=False)
 OUTCOME = an_outcome(
-    seconds=3.4, foot_shift=0.0123, com_speed=float("nan"), calm_steps=float("nan"), hip=True, steps=3,
+    seconds=3.4, foot_shift=0.0123, com_speed=float("nan"), quiet_steps=float("nan"), hip=True, steps=3,
     torque_peaks=(1.0, 2.5, 3.0, 4.0, 5.0, 1 / 3),
 )  # fmt: skip
-SHORT = Scenario("short", horizon=2.0, calm_from=1.0)
+SHORT = Scenario("short", horizon=2.0, quiet_from=1.0)
 
 
 # Trials and outcomes.
@@ -60,11 +61,12 @@ def test_every_scenarios_trials_come_back_from_json_as_they_were(scenario: Scena
 def test_only_what_is_unusual_is_written() -> None:
     assert trial_to_json(Trial()) == "{}"
     assert (
-        trial_to_json(TRIAL) == '{"push": {"direction": [0.0, -1.0, 0.0], "impulse": 42.0}, "seed": 3, "whole": false}'
+        trial_to_json(TRIAL)
+        == '{"full_length": false, "push": {"direction": [0.0, -1.0, 0.0], "impulse": 42.0}, "seed": 3}'
     )
     odd = Trial(
         Push("torso", impulse=6.0, lever=0.0),
-        first=Push(impulse=1.0),
+        preceding=Push(impulse=1.0),
         drop=Drop(0.0, roll=0.1),
         imperfections=Imperfections(latency=0.01),
         domain=DomainParameters(friction=0.5),
@@ -74,7 +76,8 @@ def test_only_what_is_unusual_is_written() -> None:
 
 def test_no_two_trials_share_a_text() -> None:
     changes = (
-        {"seed": 1}, {"whole": False}, {"horizon": 9.0}, {"calm_from": 0.0}, {"drop": Drop(0.0)}, {"first": Push()},
+        {"seed": 1}, {"full_length": False}, {"horizon": 9.0}, {"quiet_from": 0.0}, {"drop": Drop(0.0)},
+        {"preceding": Push()},
         {"push": Push(lever=0.0)}, {"domain": DomainParameters(slope=0.1)},
         {"imperfections": Imperfections(sensor_bias=0.1)},
     )  # fmt: skip
@@ -132,7 +135,7 @@ def a_threshold(scenario: Scenario, line: int, size: float, trials: int = 40) ->
 def test_thresholds_of_every_unit_come_back_from_a_file_as_they_were(tmp_path: Path) -> None:
     policy = NominalAgent()
     tilt = Scenario("landing_tilt", search="tilt", drop=0.4, directions=("left", 30.0))
-    late = Scenario("late", first_impulse=60.0, gap=(0.3, 2.0), friction=0.5, latency=0.02)
+    late = Scenario("late", preceding_impulse=60.0, push_interval=(0.3, 2.0), friction=0.5, latency=0.02)
     kept = [a_threshold(tilt, 1, 5.0), a_threshold(tilt, 0, 3.0), a_threshold(late, 3, 0.0, trials=0)]
     with Results(tmp_path / "r.sqlite") as results:
         results.trials_of(policy)
@@ -169,13 +172,13 @@ def test_a_policy_learned_anew_under_the_same_name_is_not_mixed_with_the_old_one
     with Results(tmp_path / "r.sqlite") as results:
         for policy, directions, drift in ((old, 4, 0.1), (new, 2, 0.2)):
             line = Scenario("root_push", directions=directions)
-            results.trials_of(policy).put(trial, an_outcome(calm_drift=drift))
+            results.trials_of(policy).put(trial, an_outcome(quiet_drift=drift))
             results.add_thresholds(policy, [a_threshold(line, i, 60.0 * directions) for i in range(directions)])
             results.add_scenarios(policy, [quiet, standing] if policy is old else [quiet], 1.0)
         assert [threshold.size for threshold in results.thresholds_of(new.name)] == [120.0, 120.0]
         fixed = results.fixed_outcomes(new.name)
         results.export("thresholds", tmp_path / "t.csv")
-    assert {name: [outcome.calm_drift for outcome in trials.values()] for name, trials in fixed.items()} == {
+    assert {name: [outcome.quiet_drift for outcome in trials.values()] for name, trials in fixed.items()} == {
         "quiet": [0.2]
     }
     assert len(read_thresholds(tmp_path / "t.csv")[new.name]) == 2
@@ -198,9 +201,12 @@ def test_a_killed_evaluation_loses_at_most_the_last_moment_and_goes_on(tmp_path:
     """Kill the process with SIGKILL in the middle: what it had committed is there and is not run again."""
     path = tmp_path / "r.sqlite"
     script = (
-        "from surefoot.evaluation import *; from surefoot.results import *; from surefoot.policy import *\n"
+        "from surefoot.agents.nominal import NominalAgent\n"
+        "from surefoot.evaluation.evaluate import find_thresholds\n"
+        "from surefoot.evaluation.results import Results\n"
+        "from surefoot.evaluation.scenarios import Scenario\n"
         f"policy = NominalAgent(); results = Results({str(path)!r})\n"
-        "lines = Scenario('short', horizon=2.0, calm_from=1.0).lines()[2:3]\n"
+        "lines = Scenario('short', horizon=2.0, quiet_from=1.0).lines()[2:3]\n"
         "find_thresholds(policy, lines, results.trials_of(policy), num_slots=8, num_threads=1)\n"
     )
     process = subprocess.Popen([sys.executable, "-c", script])
@@ -227,7 +233,7 @@ def test_a_killed_evaluation_loses_at_most_the_last_moment_and_goes_on(tmp_path:
 
 def test_tables_are_exported_to_csv_and_parquet(tmp_path: Path) -> None:
     policy = NominalAgent()
-    trials = [Trial(Push(impulse=impulse), seed=0, whole=False) for impulse in (0.0, 6.0)]
+    trials = [Trial(Push(impulse=impulse), seed=0, full_length=False) for impulse in (0.0, 6.0)]
     outcomes = run_list(policy, trials, num_slots=2)
     with Results(tmp_path / "r.sqlite") as results:
         store = results.trials_of(policy)

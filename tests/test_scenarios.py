@@ -15,7 +15,8 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenario_file import suite
-from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, SUITES, Line, Scenario, from_json
+from surefoot.evaluation.scenarios import Line, Scenario, canonical_name, from_json, readable_name
+from surefoot.evaluation.suites import PAPER, ROBUSTNESS, SUITES
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.pushes import Drop, Push
@@ -29,7 +30,7 @@ BY_NAME = {scenario.name: scenario for scenario in ALL}
 
 def one_trial(line: Line, seed: int = 0) -> Trial:
     """The third cell of a search, or a fixed trial."""
-    return line.trial(3, seed, whole=True) if line.scenario.search else line.fixed_trials()[seed]
+    return line.trial(3, seed, full_length=True) if line.scenario.search else line.fixed_trials()[seed]
 
 
 def numbers_in(value: object) -> list[float]:
@@ -63,7 +64,7 @@ def test_every_scenario_builds_finite_trials_that_its_seed_decides(robot: Robot,
             assert math.hypot(*push.direction) == pytest.approx(1.0, abs=1e-9)
             assert "-0.0" not in repr(push)  # equal to 0.0, but another text in the results table
         assert trial.domain == scenario.domain
-        assert 0.0 <= trial.calm_from < trial.horizon
+        assert 0.0 <= trial.quiet_from < trial.horizon
 
 
 def test_every_scenario_runs() -> None:
@@ -71,7 +72,7 @@ def test_every_scenario_runs() -> None:
     trials: dict[str, Trial] = {}
     for scenario in ALL:
         trial = one_trial(scenario.lines()[0])
-        trials[scenario.name] = dataclasses.replace(trial, horizon=2.0, calm_from=min(trial.calm_from, 1.0))
+        trials[scenario.name] = dataclasses.replace(trial, horizon=2.0, quiet_from=min(trial.quiet_from, 1.0))
     outcomes: dict[Trial, Outcome] = {}
     for domain in {trial.domain for trial in trials.values()}:
         batch = {trial for trial in trials.values() if trial.domain == domain}
@@ -80,7 +81,7 @@ def test_every_scenario_runs() -> None:
         assert outcome.seconds <= 2.0
         assert 0.0 < outcome.torque_ratio <= 1.0
         stood = outcome.reason in ("recovered", "restless", "tilted")
-        assert math.isnan(outcome.calm_power) == (not stood)
+        assert math.isnan(outcome.quiet_power) == (not stood)
     reasons = {name: outcomes[trial].reason for name, trial in trials.items()}
     # 18 Ns are little on a plain floor, and 240 Ns are too much for a pose.
     assert reasons["root_push"] == reasons["standing"] == reasons["latency_40ms"] == "recovered"
@@ -139,10 +140,10 @@ def test_the_papers_levers_are_above_the_com_at_the_torso_and_below_it_at_the_le
 
 
 def test_the_combined_test_lifts_by_500_ns_and_pushes_240_ms_later() -> None:
-    trial = BY_NAME["combined"].lines()[1].trial(10, 4, whole=False)
-    assert trial.first == Push("root", (0.0, 0.0, 1.0), 500.0)
+    trial = BY_NAME["combined"].lines()[1].trial(10, 4, full_length=False)
+    assert trial.preceding == Push("root", (0.0, 0.0, 1.0), 500.0)
     assert trial.push == Push("root", (0.0, 1.0, 0.0), 60.0, start=0.24)
-    assert trial.pushes == (trial.first, trial.push)
+    assert trial.pushes == (trial.preceding, trial.push)
 
 
 def test_the_second_push_comes_when_the_seed_says() -> None:
@@ -152,7 +153,7 @@ def test_the_second_push_comes_when_the_seed_says() -> None:
     assert max(starts) <= 2.0
     # Uniform: mean 1.15, deviation 1.7 / sqrt(12) = 0.49, of the mean of 200 0.035.
     assert np.mean(starts) == pytest.approx(1.15, abs=4 * 0.035)
-    assert line.trial(1, 0, True).first == Push("root", (1.0, 0.0, 0.0), 120.0)
+    assert line.trial(1, 0, True).preceding == Push("root", (1.0, 0.0, 0.0), 120.0)
 
 
 def test_drops_begin_in_the_air_and_without_a_push() -> None:
@@ -188,13 +189,46 @@ def test_a_scenario_comes_back_from_json_as_it_was(scenario: Scenario) -> None:
     assert from_json(json.loads(json.dumps(dataclasses.asdict(scenario)))) == scenario
 
 
+@pytest.mark.parametrize("name", SUITES)
+def test_a_suite_is_what_it_was_when_it_stood_in_code(name: str) -> None:
+    dump = json.loads((Path(__file__).parent / "data" / "suites.json").read_text())
+    assert SUITES[name] == tuple(map(from_json, dump[name]))
+
+
+def test_a_name_with_the_robots_own_word_for_its_root_is_understood(robot: Robot) -> None:
+    assert canonical_name(f"{robot.root}_push_no_step", robot.root) == "root_push_no_step"
+    assert readable_name("root_push_no_step", robot.root) == f"{robot.root}_push_no_step"
+    for name in ("torso_push", "combined", f"{robot.root}"):
+        assert canonical_name(name, robot.root) == readable_name(name, robot.root) == name
+
+
 # Files.
 
 
-def read(folder: Path, text: str) -> tuple[Scenario, ...]:
+def read(folder: Path, text: str, robot: Robot | None = None) -> tuple[Scenario, ...]:
     file = folder / "mine.toml"
     file.write_text(text)
-    return suite(str(file))
+    return suite(str(file), robot)
+
+
+def test_old_keys_are_understood_and_the_new_ones_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    old = "calm_from = 1.0\nfirst_impulse = 60.0\nfirst_up = true\ngap = [0.5, 1.0]"
+    (found,) = read(tmp_path, f'[[scenario]]\nname = "old"\n{old}')
+    assert found == Scenario(
+        "old", quiet_from=1.0, preceding_impulse=60.0, preceding_upward=True, push_interval=(0.5, 1.0)
+    )
+    where = f"surefoot: {tmp_path / 'mine.toml'}, scenario 1: the key"
+    assert capsys.readouterr().err.splitlines() == [
+        f"{where} calm_from is called quiet_from now",
+        f"{where} first_impulse is called preceding_impulse now",
+        f"{where} first_up is called preceding_upward now",
+        f"{where} gap is called push_interval now",
+    ]
+
+
+def test_the_robots_own_word_for_its_root_is_understood_in_a_file(tmp_path: Path, robot: Robot) -> None:
+    (found,) = read(tmp_path, f'[[scenario]]\nname = "own"\nbody = "{robot.root}"', robot)
+    assert found == Scenario("own")
 
 
 def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
@@ -205,8 +239,8 @@ def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
         lever = 0.3
         directions = ["left", 30, 200.5]
         duration = 0.5
-        first_impulse = 50
-        gap = [0.5, 1]
+        preceding_impulse = 50
+        push_interval = [0.5, 1]
         friction = 0.6
         without_step = true
 
@@ -220,26 +254,26 @@ def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
     """
     shove, stand = read(tmp_path, text)
     assert shove == Scenario(
-        "shove", body="torso", lever=0.3, directions=("left", 30.0, 200.5), duration=0.5, first_impulse=50.0,
-        gap=(0.5, 1.0), friction=0.6, without_step=True,
+        "shove", body="torso", lever=0.3, directions=("left", 30.0, 200.5), duration=0.5, preceding_impulse=50.0,
+        push_interval=(0.5, 1.0), friction=0.6, without_step=True,
     )  # fmt: skip
     assert stand == Scenario("stand", search="", directions=2, trials=3, horizon=20.0, physics_hz=1000)
-    assert isinstance(shove.first_impulse, float)
+    assert isinstance(shove.preceding_impulse, float)
     assert [len(line.fixed_trials()) for line in stand.lines()] == [3, 3]
 
 
 @pytest.mark.parametrize(
     ("keys", "fault"),
     [
-        ('body = "knee"', "unknown body 'knee' of valkyrie; valid: root, torso, left_thigh, "),
+        ('body = "knee"', "unknown body 'knee' of valkyrie; valid: root, "),
         ("duration = -0.1", "duration must be a number from 0.002 to 5, not -0.1"),
         ("duration = 0.0", "duration must be a number from 0.002 to 5, not 0.0"),
         ("impulse = nan", "impulse must be a number from 0 to 2000, not nan"),
-        ("first_impulse = inf", "first_impulse must be a number from 0 to 2000, not inf"),
+        ("preceding_impulse = inf", "preceding_impulse must be a number from 0 to 2000, not inf"),
         ("horizon = inf", "horizon must be a number from 2 to 600, not inf"),
-        ("gap = [0.0, nan]", "gap must be two times [s], not [0.0, nan]"),
-        ("gap = [2.0, 1.0]", "gap must be a range within 0 to 5 s, not [2.0, 1.0]"),
-        ("gap = 1.0", "gap must be two times [s], not 1.0"),
+        ("push_interval = [0.0, nan]", "push_interval must be two times [s], not [0.0, nan]"),
+        ("push_interval = [2.0, 1.0]", "push_interval must be a range within 0 to 5 s, not [2.0, 1.0]"),
+        ("push_interval = 1.0", "push_interval must be two times [s], not 1.0"),
         ('impulse = "72"', "impulse must be a number from 0 to 2000, not 72"),
         ("impulse = true", "impulse must be a number from 0 to 2000, not True"),
         (f"impulse = 1{'0' * 400}", "impulse must be a number from 0 to 2000, not 1000"),
@@ -260,17 +294,20 @@ def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
         ("trials = 0", "trials must be a number from 1 to 10000, not 0"),
         ("latency = 0.05", "latency must be a number from 0 to 0.04, not 0.05"),
         ("physics_hz = 750", "physics_hz must be a multiple of 500, not 750"),
-        ("calm_from = 12.0", "calm_from must be before the horizon, not 12 s"),
-        ("horizon = 2.0\ncalm_from = 1.0\nduration = 1.5", "the push may last until 1.5 s, but from 1 s on"),
-        ("horizon = 5.0\ncalm_from = 1.0\nfirst_impulse = 9\ngap = [0, 4]", "the push may last until 4.12 s"),
+        ("quiet_from = 12.0", "quiet_from must be before the horizon, not 12 s"),
+        ("horizon = 2.0\nquiet_from = 1.0\nduration = 1.5", "the push may last until 1.5 s, but from 1 s on"),
+        (
+            "horizon = 5.0\nquiet_from = 1.0\npreceding_impulse = 9\npush_interval = [0, 4]",
+            "the push may last until 4.12 s",
+        ),
     ],
 )
 def test_a_wrong_value_is_answered_with_the_file_the_scenario_and_the_fault(
-    tmp_path: Path, keys: str, fault: str
+    tmp_path: Path, robot: Robot, keys: str, fault: str
 ) -> None:
     good = '[[scenario]]\nname = "good"\n'
     with pytest.raises(UserError) as error:
-        read(tmp_path, f'{good}[[scenario]]\nname = "bad"\n{keys}')
+        read(tmp_path, f'{good}[[scenario]]\nname = "bad"\n{keys}', robot)
     message = str(error.value)
     assert message.startswith(f"{tmp_path / 'mine.toml'}, scenario 2 (bad): {fault}")
     assert "\n" not in message

@@ -14,7 +14,8 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.evaluate import run_scenarios
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.results import Results
-from surefoot.evaluation.scenarios import PAPER, Scenario
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.suites import PAPER
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
 from surefoot.report import paper, tables
@@ -165,8 +166,8 @@ def test_table_5_shows_the_largest_peaks_in_the_papers_order(robot: Robot) -> No
 
 
 def test_quiet_standing_is_that_of_the_recovered_trials() -> None:
-    fell = an_outcome(recovered=False, reason="fell", calm_drift=np.nan, calm_power=np.nan, calm_steps=np.nan)
-    stood = an_outcome(calm_drift=0.012, calm_power=3.26, calm_steps=1.0)
+    fell = an_outcome(recovered=False, reason="fell", quiet_drift=np.nan, quiet_power=np.nan, quiet_steps=np.nan)
+    stood = an_outcome(quiet_drift=0.012, quiet_power=3.26, quiet_steps=1.0)
     fixed = outcomes_of("quiet", stood, fell, an_outcome()) | outcomes_of("quiet_after_48", fell)
     table = tables.quiet_table(fixed)
     assert list(row_of(table, "quiet").values()) == ["quiet", "2/3", "1.2", "3.3", "1"]
@@ -211,7 +212,7 @@ def test_a_small_real_run_fills_its_tables(robot: Robot, tmp_path) -> None:
     """Three trials of the stiff pose, pushed by 240 Ns, dropped and left alone."""
     policy = NominalAgent(robot)
     scenarios = [
-        Scenario(name, search="", directions=1, trials=1, horizon=2.0, calm_from=0.0, **change)
+        Scenario(name, search="", directions=1, trials=1, horizon=2.0, quiet_from=0.0, **change)
         for name, change in (("sagittal_240", {"impulse": 240.0}), ("drop_055", {"drop": 0.55}), ("standing", {}))
     ]
     with Results(tmp_path / "r.sqlite") as results:

@@ -28,7 +28,7 @@ def as_text(outcomes: dict[Trial, Outcome]) -> dict[Trial, str]:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_push_begins_1_s_after_the_start_plus_the_seeds_ticks(robot: Robot, seed: int) -> None:
-    _, calm = run_one(NominalAgent(robot), pushed(0.0, seed, whole=False), "com_velocity")
+    _, calm = run_one(NominalAgent(robot), pushed(0.0, seed, full_length=False), "com_velocity")
     outcome, trace = run_one(NominalAgent(robot), pushed(400.0, seed), "com_velocity")
     num_ticks = len(trace["com_velocity"])
     differs = (trace["com_velocity"] != calm["com_velocity"][:num_ticks]).any(axis=1)
@@ -43,7 +43,7 @@ def test_the_push_begins_1_s_after_the_start_plus_the_seeds_ticks(robot: Robot, 
 
 def test_a_later_push_and_another_body_are_honoured(robot: Robot) -> None:
     policy = NominalAgent(robot)
-    _, calm = run_one(policy, pushed(0.0, 2, whole=False), "com_velocity", "torso_attitude")
+    _, calm = run_one(policy, pushed(0.0, 2, full_length=False), "com_velocity", "torso_attitude")
     begins = {}
     for start in (0.0, 0.3):
         _, trace = run_one(policy, pushed(300.0, 2, start=start), "com_velocity")
@@ -65,9 +65,9 @@ def test_an_unknown_body_is_answered_with_the_known_ones(robot: Robot) -> None:
 
 def test_a_first_push_comes_first_and_the_disturbance_begins_with_it(robot: Robot) -> None:
     policy, seed = NominalAgent(robot), 2
-    trial = replace(pushed(12.0, seed, LEFT, start=0.3), first=Push(impulse=12.0), horizon=2.0, calm_from=1.0)
+    trial = replace(pushed(12.0, seed, LEFT, start=0.3), preceding=Push(impulse=12.0), horizon=2.0, quiet_from=1.0)
     outcome, trace = run_one(policy, trial, "com_velocity")
-    calm = replace(pushed(0.0, seed), horizon=2.0, calm_from=1.0)
+    calm = replace(pushed(0.0, seed), horizon=2.0, quiet_from=1.0)
     _, undisturbed = run_one(policy, calm, "com_velocity")
     change = np.abs(trace["com_velocity"] - undisturbed["com_velocity"][: len(trace["com_velocity"])])
     begin = int(change.any(axis=1).argmax()) - 1
@@ -80,7 +80,7 @@ def test_a_first_push_comes_first_and_the_disturbance_begins_with_it(robot: Robo
 
 
 def test_a_dropped_robot_begins_in_the_air_without_time_to_settle(robot: Robot) -> None:
-    trial = replace(pushed(0.0, 3), drop=Drop(0.3, roll=0.05, pitch=-0.03), horizon=2.0, calm_from=1.0)
+    trial = replace(pushed(0.0, 3), drop=Drop(0.3, roll=0.05, pitch=-0.03), horizon=2.0, quiet_from=1.0)
     outcome, trace = run_one(NominalAgent(robot), trial, "foot_contact", "root_uprightness", "com_velocity")
     # All of the trial counts, from the release on.
     assert round(outcome.seconds * 500) == len(trace["com_velocity"])
@@ -97,12 +97,12 @@ def mixed_trials() -> list[Trial]:
     trials = [pushed(300.0, seed, direction) for seed in (0, 1) for direction in (FORWARD, LEFT)]
     return [
         *trials,
-        pushed(20.0, 2, whole=False),
+        pushed(20.0, 2, full_length=False),
         pushed(150.0, 3, LEFT, body="torso", lever=0.3),
-        pushed(30.0, 4, whole=False),
-        replace(pushed(24.0, 5, whole=False), imperfections=Imperfections(0.5, 0.02, 0.1, 0.01)),
-        replace(pushed(0.0, 6, whole=False), drop=Drop(0.1, pitch=0.02)),
-        replace(pushed(60.0, 7, LEFT, whole=False, start=0.3), first=Push(impulse=60.0)),
+        pushed(30.0, 4, full_length=False),
+        replace(pushed(24.0, 5, full_length=False), imperfections=Imperfections(0.5, 0.02, 0.1, 0.01)),
+        replace(pushed(0.0, 6, full_length=False), drop=Drop(0.1, pitch=0.02)),
+        replace(pushed(60.0, 7, LEFT, full_length=False, start=0.3), preceding=Push(impulse=60.0)),
     ]
 
 
@@ -142,7 +142,7 @@ def test_a_policy_forgets_a_slots_last_trial_when_the_next_begins(robot: Robot) 
 def test_a_trial_that_is_not_whole_ends_after_2_s_of_quiet(robot: Robot) -> None:
     policy = NominalAgent(robot, "bent")
     whole, _ = run_one(policy, pushed(20.0, 1))
-    sampled, trace = run_one(policy, pushed(20.0, 1, whole=False), "com_velocity")
+    sampled, trace = run_one(policy, pushed(20.0, 1, full_length=False), "com_velocity")
     assert (whole.reason, sampled.reason) == ("recovered", "recovered")
     assert np.isnan(sampled.com_speed)
     # The push takes 0.12 s, the sway some more, then 2 s of quiet: 50 policy steps with a mean speed below 0.15 m/s.
@@ -153,14 +153,14 @@ def test_a_trial_that_is_not_whole_ends_after_2_s_of_quiet(robot: Robot) -> None
 
 
 def test_quiet_begins_only_after_the_push(robot: Robot) -> None:
-    sampled, _ = run_one(NominalAgent(robot, "bent"), pushed(10.0, 1, whole=False, duration=1.0))
+    sampled, _ = run_one(NominalAgent(robot, "bent"), pushed(10.0, 1, full_length=False, duration=1.0))
     assert sampled.reason == "recovered"
     # 1 s of a gentle push and 2 s of quiet, whatever the policy steps' borders: at most one step more.
     assert 3.0 <= sampled.seconds <= 3.08
 
 
 def test_a_restless_policy_is_not_let_off_early(robot: Robot) -> None:
-    outcome, _ = run_one(MovingPolicy(robot, squat(0.4)), pushed(0.0, 1, whole=False))
+    outcome, _ = run_one(MovingPolicy(robot, squat(0.4)), pushed(0.0, 1, full_length=False))
     assert outcome.reason == "restless"
     assert outcome.seconds >= 10.0
 

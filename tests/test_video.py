@@ -25,7 +25,7 @@ from surefoot.rendering.strip import filmstrip
 from surefoot.rendering.words import push_words
 
 FALL = Trial(Push(impulse=240.0), seed=3)
-STAY = Trial(Push(impulse=24.0), seed=3, whole=False)
+STAY = Trial(Push(impulse=24.0), seed=3, full_length=False)
 
 
 @pytest.fixture(scope="module")

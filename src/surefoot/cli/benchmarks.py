@@ -134,7 +134,7 @@ def trials_over_physics(seconds: float) -> dict[str, float]:
     MujocoEngine.advance = timed_advance  # type: ignore[method-assign, assignment]
     try:
         while time.perf_counter() - began < seconds:
-            trials = [line.trial(4, seed, whole=False) for seed in range(num_trials, num_trials + NUM_SLOTS)]
+            trials = [line.trial(4, seed, full_length=False) for seed in range(num_trials, num_trials + NUM_SLOTS)]
             run_list(policy, trials)
             num_trials += len(trials)
     finally:

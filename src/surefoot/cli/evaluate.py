@@ -109,8 +109,9 @@ def chosen_scenarios(suite_name: str, num_directions: int) -> list[Scenario]:
     """
     from surefoot.evaluation.scenario_file import suite
     from surefoot.evaluation.scenarios import Scenario
+    from surefoot.robots import load_robot
 
     root = Scenario("root_push", directions=num_directions)
     if suite_name == "push":
         return [root]
-    return [root if scenario == Scenario("root_push") else scenario for scenario in suite(suite_name)]
+    return [root if scenario == Scenario("root_push") else scenario for scenario in suite(suite_name, load_robot())]

@@ -36,10 +36,12 @@ class Reproduce:
         with needs_torch():
             from surefoot.cli import study as reproduce
         from surefoot.evaluation.scenario_file import suite
+        from surefoot.robots import load_robot
 
         check_positive("minutes", self.minutes)
         num_seeds = reproduce.FAST_SEEDS if self.fast else reproduce.FULL_SEEDS
-        study = reproduce.Study(self.out, num_seeds, self.minutes, self.preset, scenarios=suite(self.suite))
+        scenarios = suite(self.suite, load_robot())
+        study = reproduce.Study(self.out, num_seeds, self.minutes, self.preset, scenarios=scenarios)
         try:
             self._run(study)
         except KeyboardInterrupt:

@@ -11,22 +11,23 @@ from surefoot.errors import UserError
 if TYPE_CHECKING:
     from surefoot.evaluation.trials import Trial
 
-DIRECTIONS = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": -90.0}
-"""Angles in the horizontal plane [deg], counter-clockwise from forward (+x)."""
-
 
 def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
-    """The whole trial of a scenario; `size` is on the grid of what it searches, and means nothing if it does not.
+    """The full-length trial of a scenario; `size` is on the grid of what it searches, and means nothing if it does not.
 
     Raises:
         UserError: there is no such scenario, direction, size or seed.
     """
     from surefoot.evaluation.scenario_file import suite
-    from surefoot.evaluation.scenarios import SUITES
+    from surefoot.evaluation.scenarios import canonical_name
+    from surefoot.evaluation.suites import SUITES
+    from surefoot.robots import load_robot
 
+    robot = load_robot()
     file, _, key = name.rpartition(":")
-    among = suite(file) if file else [scenario for scenarios in SUITES.values() for scenario in scenarios]
+    among = suite(file, robot) if file else [scenario for scenarios in SUITES.values() for scenario in scenarios]
     scenarios = {scenario.name: scenario for scenario in among}
+    key = key if key in scenarios else canonical_name(key, robot.root)
     if key not in scenarios:
         raise UserError(f"unknown scenario '{key}'; valid: {', '.join(scenarios)}")
     lines = {line.name: line for line in scenarios[key].lines()}
@@ -43,7 +44,7 @@ def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
         raise UserError(f"{key} has no size {size:g}; valid: {valid}")
     if seed < 0:
         raise UserError(f"seed must not be negative, not {seed}")
-    return line.trial(cell, seed, whole=True)
+    return line.trial(cell, seed, full_length=True)
 
 
 def push_trial(body: str, direction: str, impulse: float, duration: float, seed: int) -> Trial:
@@ -52,20 +53,16 @@ def push_trial(body: str, direction: str, impulse: float, duration: float, seed:
     Raises:
         UserError: there is no such body or direction, or a number will not do.
     """
+    from surefoot.evaluation.scenarios import angle_deg
     from surefoot.evaluation.trials import Trial
     from surefoot.physics.pushes import horizontal_push
     from surefoot.robots import load_robot
 
     load_robot().body_id(body)
-    try:
-        angle = DIRECTIONS[direction] if direction in DIRECTIONS else float(direction)
-    except ValueError:
-        raise UserError(f"unknown direction '{direction}'; valid: {', '.join(DIRECTIONS)}, degrees") from None
+    angle = angle_deg(direction)
     for name, value in (("impulse", impulse), ("duration", duration)):
         if not (np.isfinite(value) and value > 0):
             raise UserError(f"{name} must be a positive number, not {value}")
-    if not np.isfinite(angle):
-        raise UserError(f"direction must be finite, not {direction}")
     if seed < 0:
         raise UserError(f"seed must not be negative, not {seed}")
     return Trial(horizontal_push(body, angle, impulse, duration), seed)

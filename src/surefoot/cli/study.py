@@ -18,7 +18,8 @@ from surefoot.agents.load import load_policy
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import OnProgress, run_scenarios
 from surefoot.evaluation.results import Results, setup_digest
-from surefoot.evaluation.scenarios import PAPER, Scenario
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.suites import PAPER
 from surefoot.learning.config import TrainConfig, preset
 from surefoot.learning.curve import read_curves
 from surefoot.learning.train import Progress, train, with_budget

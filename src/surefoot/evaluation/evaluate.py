@@ -10,7 +10,7 @@ from surefoot.agents.agent import Policy
 from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario
-from surefoot.evaluation.threshold_search import Ask, Fixed, Threshold, ThresholdSearch
+from surefoot.evaluation.threshold_search import FixedTrials, Threshold, ThresholdSearch, TrialRequest
 from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
 
 __all__ = ["DIRECTIONS", "Line", "Store", "Threshold", "find_thresholds", "push_lines", "run_scenarios"]
@@ -73,10 +73,10 @@ def find_thresholds(
     return search.thresholds()
 
 
-def whole_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:
-    """Outcomes of the whole trials at a threshold."""
+def full_length_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:
+    """Outcomes of the full-length trials at a threshold."""
     cell = round(threshold.size / threshold.line.grid)
-    trials = (threshold.line.trial(cell, seed, whole=True) for seed in range(threshold.trials))
+    trials = (threshold.line.trial(cell, seed, full_length=True) for seed in range(threshold.trials))
     return [outcome for trial in trials if (outcome := store.get(trial))]
 
 
@@ -85,56 +85,56 @@ class _Search(TrialSource):
 
     def __init__(self, lines: Sequence[Line], store: Store | None, on_progress: OnProgress | None):
         self._recall = store.get if store is not None else lambda trial: None
-        self.climbs: list[ThresholdSearch | Fixed] = [
-            ThresholdSearch(line, self._recall) if line.scenario.search else Fixed(line) for line in lines
+        self.searches: list[ThresholdSearch | FixedTrials] = [
+            ThresholdSearch(line, self._recall) if line.scenario.search else FixedTrials(line) for line in lines
         ]
         self._store = store
         self._on_progress = on_progress
         self._num_done = 0
-        self._turn = deque(self.climbs)
-        self._running: dict[Trial, list[tuple[ThresholdSearch | Fixed, Ask]]] = {}
+        self._turn = deque(self.searches)
+        self._running: dict[Trial, list[tuple[ThresholdSearch | FixedTrials, TrialRequest]]] = {}
 
     def thresholds(self) -> list[Threshold]:
-        return [climb.result() for climb in self.climbs if isinstance(climb, ThresholdSearch)]
+        return [search.result() for search in self.searches if isinstance(search, ThresholdSearch)]
 
     def next(self) -> Trial | None:
-        while (found := self._ask()) is not None:
-            climb, ask = found
-            if ask.trial in self._running:  # two lines may ask for the same trial, with and without stepping
-                self._running[ask.trial].append((climb, ask))
+        while (found := self._next_request()) is not None:
+            search, request = found
+            if request.trial in self._running:  # two lines may ask for the same trial, with and without stepping
+                self._running[request.trial].append((search, request))
                 continue
-            known = self._recall(ask.trial)
+            known = self._recall(request.trial)
             if known is None:
-                self._running[ask.trial] = [(climb, ask)]
-                return ask.trial
-            climb.report(ask, known)
+                self._running[request.trial] = [(search, request)]
+                return request.trial
+            search.report(request, known)
         return None
 
-    def _ask(self) -> tuple[ThresholdSearch | Fixed, Ask] | None:
+    def _next_request(self) -> tuple[ThresholdSearch | FixedTrials, TrialRequest] | None:
         """What is needed comes first; only if nothing is, what may be needed."""
         for ahead in (False, True):
             for _ in range(len(self._turn)):
-                climb = self._turn[0]
+                search = self._turn[0]
                 self._turn.rotate(-1)
-                ask = climb.next(ahead)
-                if ask is not None:
-                    return climb, ask
+                request = search.next(ahead)
+                if request is not None:
+                    return search, request
         return None
 
     def report(self, trial: Trial, outcome: Outcome) -> None:
-        asked = self._running.pop(trial)
+        requested = self._running.pop(trial)
         if self._store is not None:
-            self._store.put(trial, outcome, asked[0][0].line.scenario.name)
-        for climb, ask in asked:
-            climb.report(ask, outcome)
+            self._store.put(trial, outcome, requested[0][0].line.scenario.name)
+        for search, request in requested:
+            search.report(request, outcome)
         self._num_done += 1
         if self._on_progress:
-            num_lines = sum(climb.done for climb in self.climbs)
-            self._on_progress(self._num_done, num_lines, [(climb.line, climb.reached) for climb in self.climbs])
+            num_lines = sum(search.done for search in self.searches)
+            self._on_progress(self._num_done, num_lines, [(search.line, search.reached) for search in self.searches])
 
     def wants(self, trial: Trial) -> bool:
-        return any(climb.wants(ask) for climb, ask in self._running[trial])
+        return any(search.wants(request) for search, request in self._running[trial])
 
     def drop(self, trial: Trial) -> None:
-        for climb, ask in self._running.pop(trial):
-            climb.drop(ask)
+        for search, request in self._running.pop(trial):
+            search.drop(request)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from surefoot.evaluation.strategies import STEP_LENGTH
+from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.robots import Robot
 
 
@@ -21,9 +21,9 @@ class Outcome:
         com_speed: mean over the judged time [m/s]; NaN if the trial ended before.
         root_tilt: largest angle of the root from upright since the disturbance began [rad].
         ankle, hip, foot_tilt, steps: the strategies (`surefoot.strategies`); steps are counted.
-        calm_drift: farthest that the CoM came, horizontally, from where it was when the calm time began [m].
-        calm_power: mean of sum |torque * velocity| over the calm time [W].
-        calm_steps: steps in the calm time. These three are NaN for a trial that ended before its horizon.
+        quiet_drift: farthest that the CoM came, horizontally, from where it was when the calm time began [m].
+        quiet_power: mean of sum |torque * velocity| over the calm time [W].
+        quiet_steps: steps in the calm time. These three are NaN for a trial that ended before its horizon.
         torque_ratio, speed_ratio: largest share of a joint's torque and speed limit that was used.
         torque_peaks, speed_peaks: largest torque [Nm] and speed [rad/s] by joint group.
         saturated_s: time that the most saturated joint of each group was at its torque limit [s].
@@ -39,9 +39,9 @@ class Outcome:
     hip: bool
     foot_tilt: bool
     steps: int
-    calm_drift: float
-    calm_power: float
-    calm_steps: float
+    quiet_drift: float
+    quiet_power: float
+    quiet_steps: float
     torque_ratio: float
     speed_ratio: float
     torque_peaks: tuple[float, ...]
@@ -51,7 +51,7 @@ class Outcome:
     @property
     def without_step(self) -> bool:
         """Recovered, and no foot left its place."""
-        return self.recovered and self.foot_shift <= STEP_LENGTH
+        return self.recovered and self.foot_shift <= PROTOCOL.step_length
 
 
 def joint_groups(robot: Robot) -> tuple[str, ...]:
@@ -59,5 +59,6 @@ def joint_groups(robot: Robot) -> tuple[str, ...]:
     return tuple(dict.fromkeys(robot.joint_groups))
 
 
-def _group_columns(robot: Robot) -> list[list[int]]:
+def group_columns(robot: Robot) -> list[list[int]]:
+    """The joints of each joint group, as columns of arrays over the joints."""
     return [[i for i, group in enumerate(robot.joint_groups) if group == name] for name in joint_groups(robot)]

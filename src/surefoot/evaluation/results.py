@@ -26,14 +26,12 @@ import surefoot
 from surefoot.agents.agent import Named
 from surefoot.agents.controllers.step_times import Timing
 from surefoot.errors import UserError
-from surefoot.evaluation import strategies, trials
-from surefoot.evaluation import trial_monitor as judge
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenarios import Line, Scenario, from_json
+from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial
-from surefoot.robots import load_robot
 
 SCHEMA = 2
 """Version of the tables, in SQLite's `user_version`."""
@@ -300,7 +298,7 @@ class TrialStore:
         values = (getattr(outcome, name) for name in _OUTCOME)
         row = (
             *self._key, scenario, push.body, angle, push.impulse, trial.drop.height if trial.drop else 0.0, trial.seed,
-            int(trial.whole), trial_to_json(trial),
+            int(trial.full_length), trial_to_json(trial),
             *(json.dumps(value) if isinstance(value, tuple) else value for value in values), *self._versions,
         )  # fmt: skip
         self._db.execute(f"INSERT OR REPLACE INTO trials VALUES (NULL, {', '.join('?' * len(row))})", row)
@@ -347,10 +345,7 @@ def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
 
 def setup_digest(robot: str) -> str:
     """Names what an outcome depends on beside the policy: robot, physics engine, protocol."""
-    rules = {**vars(strategies), **vars(judge), **vars(trials)}
-    protocol = {name: value for name, value in rules.items() if name.isupper() and name != "NUM_SLOTS"}
-    text = f"{load_robot(robot).fingerprint}{mujoco.__version__}{sorted(protocol.items())}"
-    return hashlib.sha256(text.encode()).hexdigest()
+    return hashlib.sha256(str(Setup.now(robot)).encode()).hexdigest()
 
 
 def _outcome(values: Sequence[Any]) -> Outcome:

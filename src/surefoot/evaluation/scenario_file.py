@@ -1,58 +1,34 @@
-"""Scenario files: suites by name, and scenarios of a user in TOML."""
+"""Scenario files: suites by name, and scenarios of a user, in TOML. The package's own suites are such files."""
 
 from __future__ import annotations
 
 import dataclasses
+import importlib.resources
 import math
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from surefoot.errors import UserError
-from surefoot.evaluation.scenarios import DIRECTIONS, GRIDS, SUITES, Scenario
-from surefoot.evaluation.trial_monitor import JUDGED_S
+from surefoot.errors import UserError, notice
+from surefoot.evaluation.protocol import PROTOCOL
+from surefoot.evaluation.scenarios import DIRECTIONS, GRIDS, OLD_KEYS, ROOT, Scenario
 from surefoot.rates import CONTROL_HZ, POLICY_DT
-from surefoot.robots import load_robot
+from surefoot.robots import Robot
 
+SUITE_NAMES = ("paper", "robustness")
+"""Suites that come with the package."""
 
-def suite(name: str) -> tuple[Scenario, ...]:
-    """A suite by its name, or the scenarios of a TOML file.
-
-    Raises:
-        UserError: there is neither, or the file is wrong; the message names the scenario and its key.
-    """
-    if name in SUITES:
-        return SUITES[name]
-    file = Path(name)
-    if not file.is_file():
-        raise UserError(f"unknown suite '{name}'; valid: {', '.join(SUITES)}, or a scenario file (.toml)")
-    try:
-        entries = tomllib.loads(file.read_text())
-    except (OSError, ValueError) as error:  # not UTF-8, not TOML, or a number of thousands of digits
-        raise UserError(f"cannot read {file} as a scenario file: {error}") from error
-    unknown = set(entries) - {"scenario"}
-    if unknown or not isinstance(entries.get("scenario"), list) or not entries["scenario"]:
-        raise UserError(f"{file} must hold [[scenario]] entries and nothing else{_named(unknown)}")
-    scenarios = tuple(_read(entry, f"{file}, scenario {i + 1}") for i, entry in enumerate(entries["scenario"]))
-    names = [scenario.name for scenario in scenarios]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:
-        raise UserError(f"{file}: two scenarios are named {', '.join(sorted(twice))}")
-    return scenarios
-
-
-_FIELDS = {field.name: field for field in dataclasses.fields(Scenario)}
-
-
+_FIELDS = tuple(field.name for field in dataclasses.fields(Scenario))
 _RANGES: dict[str, tuple[float, float]] = {
     "duration": (1.0 / CONTROL_HZ, 5.0),
     "impulse": (0.0, 2000.0),
     "drop": (0.0, 5.0),
-    "first_impulse": (0.0, 2000.0),
+    "preceding_impulse": (0.0, 2000.0),
     "lever": (-1.1, 1.0),
     "trials": (1, 10_000),
     "horizon": (2.0, 600.0),
-    "calm_from": (0.0, 600.0),
+    "quiet_from": (0.0, 600.0),
     "observation_noise": (0.0, 100.0),
     "action_noise": (0.0, 10.0),
     "sensor_bias": (0.0, 100.0),
@@ -65,14 +41,55 @@ _RANGES: dict[str, tuple[float, float]] = {
     "physics_hz": (CONTROL_HZ, 8 * CONTROL_HZ),
 }
 """Valid values of the numbers, both ends included."""
-
-
 _WHOLE_NUMBERS = ("trials", "physics_hz")
 
 
-def _read(entry: Any, where: str) -> Scenario:
+def suite(name: str, robot: Robot | None = None) -> tuple[Scenario, ...]:
+    """A suite by its name, or the scenarios of a TOML file.
+
+    Args:
+        name: of a suite of the package, or of a file.
+        robot: whose bodies the scenarios may name; without it, bodies are not checked.
+
+    Raises:
+        UserError: there is neither, or the file is wrong; the message names the scenario and its key.
+    """
+    if name in SUITE_NAMES:
+        file = importlib.resources.files("surefoot.evaluation") / "suites" / f"{name}.toml"
+        return _read(file.read_text(), f"suite {name}", None)
+    path = Path(name)
+    if not path.is_file():
+        raise UserError(f"unknown suite '{name}'; valid: {', '.join(SUITE_NAMES)}, or a scenario file (.toml)")
+    try:
+        text = path.read_text()
+    except (OSError, ValueError) as error:
+        raise UserError(f"cannot read {path} as a scenario file: {error}") from error
+    return _read(text, str(path), robot)
+
+
+def _read(text: str, file: str, robot: Robot | None) -> tuple[Scenario, ...]:
+    """The scenarios of a file's text; `file` names it in messages."""
+    try:
+        entries = tomllib.loads(text)
+    except ValueError as error:  # no TOML, or a number of thousands of digits
+        raise UserError(f"cannot read {file} as a scenario file: {error}") from error
+    unknown = set(entries) - {"scenario"}
+    if unknown or not isinstance(entries.get("scenario"), list) or not entries["scenario"]:
+        raise UserError(f"{file} must hold [[scenario]] entries and nothing else{_named(unknown)}")
+    scenarios = tuple(
+        _scenario(entry, f"{file}, scenario {i + 1}", robot) for i, entry in enumerate(entries["scenario"])
+    )
+    twice = _repeated(scenario.name for scenario in scenarios)
+    if twice:
+        raise UserError(f"{file}: two scenarios are named {', '.join(sorted(twice))}")
+    return scenarios
+
+
+def _scenario(entry: Any, where: str, robot: Robot | None) -> Scenario:
+    """The scenario of one entry; `where` names it in messages."""
     if not isinstance(entry, dict):
         raise UserError(f"{where}: must be a [[scenario]] entry, not {entry}")
+    entry = _renamed(entry, where)
     unknown = set(entry) - set(_FIELDS)
     if unknown:
         raise UserError(f"{where}: unknown key{_named(unknown)}; valid: {', '.join(_FIELDS)}")
@@ -81,51 +98,80 @@ def _read(entry: Any, where: str) -> Scenario:
     where = f"{where} ({entry['name']})"
     values: dict[str, Any] = {key: _value(key, value, where) for key, value in entry.items()}
     scenario = Scenario(**values)
+    if robot is not None:
+        scenario = _with_known_body(scenario, robot, where)
+    _check_together(scenario, where)
+    return scenario
+
+
+def _renamed(entry: dict[str, Any], where: str) -> dict[str, Any]:
+    """The entry with today's keys in the place of those that had other names until version 0.1."""
+    for old in sorted(set(entry) & set(OLD_KEYS)):
+        notice(f"{where}: the key {old} is called {OLD_KEYS[old]} now")
+    return {OLD_KEYS.get(key, key): value for key, value in entry.items()}
+
+
+def _with_known_body(scenario: Scenario, robot: Robot, where: str) -> Scenario:
+    """The scenario, whose body the robot has; the robot's own word for its root is understood too."""
+    if scenario.body == robot.root:
+        return dataclasses.replace(scenario, body=ROOT)
     try:
-        load_robot().body_id(scenario.body)
+        robot.body_id(scenario.body)
     except UserError as error:
         raise UserError(f"{where}: {error}") from error
-    names = [line.name for line in scenario.lines()]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise UserError(f"{where}: direction '{twice}' is given twice")
+    return scenario
+
+
+def _check_together(scenario: Scenario, where: str) -> None:
+    """Check what no value can be told of alone."""
+    twice = _repeated(line.name for line in scenario.lines())
+    if twice:
+        raise UserError(f"{where}: direction '{twice[0]}' is given twice")
     if scenario.search not in ("", *GRIDS):
         raise UserError(f"{where}: unknown search '{scenario.search}'; valid: {', '.join(GRIDS)}, or nothing")
     if scenario.search == "tilt" and not scenario.drop:
         raise UserError(f"{where}: a searched tilt needs a drop height")
     if scenario.physics_hz % CONTROL_HZ:
         raise UserError(f"{where}: physics_hz must be a multiple of {CONTROL_HZ}, not {scenario.physics_hz}")
-    if scenario.calm_from >= scenario.horizon:
-        raise UserError(f"{where}: calm_from must be before the horizon, not {scenario.calm_from:g} s")
-    last = scenario.duration + (scenario.gap[1] if scenario.first_impulse else 0.0)
-    if last > scenario.horizon - JUDGED_S:
+    if scenario.quiet_from >= scenario.horizon:
+        raise UserError(f"{where}: quiet_from must be before the horizon, not {scenario.quiet_from:g} s")
+    last = scenario.duration + (scenario.push_interval[1] if scenario.preceding_impulse else 0.0)
+    judged_from = scenario.horizon - PROTOCOL.judged_time
+    if last > judged_from:
         raise UserError(
-            f"{where}: the push may last until {last:g} s, but from {scenario.horizon - JUDGED_S:g} s on "
-            "the robot is judged"
+            f"{where}: the push may last until {last:g} s, but from {judged_from:g} s on the robot is judged"
         )
-    return scenario
 
 
 def _value(key: str, value: Any, where: str) -> Any:
+    """The value of a key as `Scenario` takes it."""
     if key == "directions":
         return _directions(value, where)
-    if key == "gap":
-        if not (isinstance(value, list) and len(value) == 2 and all(_is_number(v) for v in value)):
-            raise UserError(f"{where}: gap must be two times [s], not {value}")
-        if not 0.0 <= value[0] <= value[1] <= 5.0:
-            raise UserError(f"{where}: gap must be a range within 0 to 5 s, not {value}")
-        return tuple(float(v) for v in value)
+    if key == "push_interval":
+        return _interval(value, where)
     if key in _RANGES:
-        low, high = _RANGES[key]
-        if not _is_number(value) or not low <= value <= high:
-            raise UserError(f"{where}: {key} must be a number from {low:g} to {high:g}, not {value}")
-        if key in _WHOLE_NUMBERS and value != int(value):
-            raise UserError(f"{where}: {key} must be a whole number, not {value}")
-        return int(value) if key in _WHOLE_NUMBERS else float(value)
-    expected = bool if key in ("without_step", "first_up") else str
+        return _number(key, value, where)
+    expected = bool if key in ("without_step", "preceding_upward") else str
     if not isinstance(value, expected):
         raise UserError(f"{where}: {key} must be {'true or false' if expected is bool else 'a text'}, not {value}")
     return value
+
+
+def _number(key: str, value: Any, where: str) -> float:
+    low, high = _RANGES[key]
+    if not _is_number(value) or not low <= value <= high:
+        raise UserError(f"{where}: {key} must be a number from {low:g} to {high:g}, not {value}")
+    if key in _WHOLE_NUMBERS and value != int(value):
+        raise UserError(f"{where}: {key} must be a whole number, not {value}")
+    return int(value) if key in _WHOLE_NUMBERS else float(value)
+
+
+def _interval(value: Any, where: str) -> tuple[float, ...]:
+    if not (isinstance(value, list) and len(value) == 2 and all(_is_number(v) for v in value)):
+        raise UserError(f"{where}: push_interval must be two times [s], not {value}")
+    if not 0.0 <= value[0] <= value[1] <= 5.0:
+        raise UserError(f"{where}: push_interval must be a range within 0 to 5 s, not {value}")
+    return tuple(float(v) for v in value)
 
 
 def _directions(value: Any, where: str) -> Any:
@@ -145,8 +191,14 @@ def _is_direction(value: Any) -> bool:
 
 def _is_number(value: Any) -> bool:
     # An integer is finite, however large; `math.isfinite` would have to make a float of it.
-    whole = isinstance(value, int) and not isinstance(value, bool)
-    return whole or (isinstance(value, float) and math.isfinite(value))
+    is_integer = isinstance(value, int) and not isinstance(value, bool)
+    return is_integer or (isinstance(value, float) and math.isfinite(value))
+
+
+def _repeated(names: Iterable[str]) -> list[str]:
+    """Names that occur more than once."""
+    found = list(names)
+    return [name for name in dict.fromkeys(found) if found.count(name) > 1]
 
 
 def _named(names: set[str]) -> str:

@@ -27,36 +27,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.physics.step_record import StepRecord, horizontal, uprightness
 from surefoot.rates import CONTROL_DT, POLICY_DT, POLICY_HZ
 from surefoot.robots import Robot
 
-ANKLE_SHIFT = 0.02
+ANKLE_SHIFT = PROTOCOL.ankle_shift
 """[m]: 27 Nm of ankle torque under Valkyrie's weight. Its stiff nominal pose sways by 0.015 m undisturbed."""
-HIP_ANGLE = np.radians(3.0)
+HIP_ANGLE = np.radians(PROTOCOL.hip_angle_deg)
 """[rad]. The stiff nominal pose yields by up to 2.1 degrees before it falls."""
-HIP_MOMENTUM = 4.0
+HIP_MOMENTUM = PROTOCOL.hip_momentum
 """[kg m^2/s]: a little more than a push of 24 Ns at the root gives the stiff nominal pose."""
-TILT_ANGLE = np.radians(1.5)
+TILT_ANGLE = np.radians(PROTOCOL.foot_tilt_deg)
 """[rad]: lifts the far edge of the sole by 7 mm lengthwise, 4 mm sideways. Soles at rest are flat to 0.1 degrees."""
-SMOOTHING_S = 0.1
+SMOOTHING_S = PROTOCOL.smoothing_time
 """Time constant of the running mean [s]: reactions of the ankle and the hip last several tenths of a second."""
-REFERENCE_S = 0.5
-HABIT = 2.0
-LOST_DEG = 45.0
+REFERENCE_S = PROTOCOL.reference_time
+HABIT = PROTOCOL.habit_factor
+LOST_DEG = PROTOCOL.lost_tilt_deg
 
-STEP_LENGTH = 0.03
-"""Also what tells a recovery without a step from one with (`surefoot.judge`) [m]."""
-LIGHT_FORCE = 20.0
+STEP_LENGTH = PROTOCOL.step_length
+"""The distance that tells a step, and a recovery with a step from one without [m]."""
+LIGHT_FORCE = PROTOCOL.light_force
 """Below it a foot carries nothing [N]."""
-LOADED_FORCE = 100.0
+LOADED_FORCE = PROTOCOL.loaded_force
 """Above it a foot carries load [N], a seventh of what it does at rest."""
-DEBOUNCE_S = 0.02
-"""So long a foot must be light to have left the floor, and loaded to have landed: chatter is no step."""
-STILL = 0.005
+DEBOUNCE_S = PROTOCOL.debounce_time
+"""A foot has left the floor once it has been light for this time, and landed once it has been loaded for it [s]."""
+STILL = PROTOCOL.still_distance
 """A foot that moves by less in a policy step stands still [m]."""
 
-_STRIDE = 4
+_STRIDE = PROTOCOL.strategy_stride
 """Means are taken over every fourth tick, at 125 Hz: nothing that lasts 0.1 s is missed, at a third of the cost."""
 _DEBOUNCE_TICKS = round(DEBOUNCE_S / CONTROL_DT)
 _SHARE = 1.0 - np.exp(-POLICY_DT / SMOOTHING_S)

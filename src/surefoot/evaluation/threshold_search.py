@@ -1,8 +1,8 @@
 """ThresholdSearch: the search for the rejected impulse along one line, by the one definition of success.
 
-J Ns *holds* when at least 95 % of at least 40 whole trials recover and no smaller cell of the 6 Ns grid gives way:
-each smaller cell has at least 8 trials, and over any four neighbouring ones together at least 90 % recover. The
-rejected impulse is the largest J that holds. Heights and tilts are searched likewise, each on its own grid.
+J Ns *holds* when at least 95 % of 40 full-length trials recover and no smaller cell of the grid gives way: each smaller
+cell has 8 screening trials, and over any four neighbouring cells together at least 90 % of these recover. The rejected
+impulse is the largest J that holds. Heights and tilts are searched likewise, each on its own grid.
 """
 
 from __future__ import annotations
@@ -11,23 +11,27 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
+from scipy.stats import binomtest, norm
 
 from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.scenarios import Line
 from surefoot.evaluation.trials import Trial
 
-NUM_SAMPLED = 8
-NUM_WHOLE = 40
-MIN_SHARE = 0.95
-NEIGHBOURS = 4
-MIN_NEIGHBOUR_SHARE = 0.90
+NUM_SCREENING = PROTOCOL.num_screening
+NUM_FULL_LENGTH = PROTOCOL.num_full_length
+MIN_SHARE = PROTOCOL.min_share
+NEIGHBOURS = PROTOCOL.num_neighbours
+MIN_NEIGHBOUR_SHARE = PROTOCOL.min_neighbour_share
 LOOK_AHEAD = 12
-"""Candidates that are judged at once while robots would stand idle otherwise."""
+"""Candidates whose trials are run at once while robots would stand idle otherwise; changes no result."""
 NUM_FIRST = 6
-"""Whole trials of a cell that come first, of seeds that rule it out soonest; the others only of the candidate."""
+"""Full-length trials of a cell that come first, of seeds that rule it out soonest; changes no result."""
 
-_MAX_FAILURES = int((1.0 - MIN_SHARE) * NUM_WHOLE + 1e-9)
+CONFIDENCE = float(2.0 * norm.cdf(1.959964) - 1.0)
+"""Of the Wilson intervals: 95 %, by the rounded quantile with which all results so far were written."""
+
+_MAX_FAILURES = int((1.0 - MIN_SHARE) * NUM_FULL_LENGTH + 1e-9)
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ class Threshold:
 
     Attributes:
         size: in the scenario's unit; 0 if not even the smallest cell holds.
-        trials, recovered: whole trials at that size, and how many recovered (0 of 0 at a size of 0).
+        trials, recovered: full-length trials at that size, and how many recovered (0 of 0 at a size of 0).
         low, high: Wilson 95 % interval of the recovered share there.
         limited_by: what stopped it: "gives way", "share" or "search".
     """
@@ -50,33 +54,30 @@ class Threshold:
     limited_by: str
 
 
-def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
-    """Wilson score interval of a share (E. B. Wilson 1927); (0, 1) for no trials."""
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """The Wilson 95 % score interval of a share (E. B. Wilson 1927); (0, 1) for no trials."""
     if trials == 0:
         return 0.0, 1.0
-    share = successes / trials
-    center = share + z * z / (2 * trials)
-    spread = z * np.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
-    scale = 1 + z * z / trials
-    return max(0.0, float((center - spread) / scale)), min(1.0, float((center + spread) / scale))
+    interval = binomtest(successes, trials).proportion_ci(CONFIDENCE, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 @dataclass(frozen=True)
-class Ask:
+class TrialRequest:
     """A trial that a line wants, and for which of its cells."""
 
     trial: Trial
     cell: int
-    whole: bool
+    full_length: bool
 
 
-class Fixed:
+class FixedTrials:
     """The trials of a line along which nothing is searched."""
 
     def __init__(self, line: Line):
         self.line = line
         trials = line.fixed_trials()
-        self._todo = deque(Ask(trial, 0, whole=True) for trial in trials)
+        self._todo = deque(TrialRequest(trial, 0, full_length=True) for trial in trials)
         self._left = len(trials)
 
     @property
@@ -87,21 +88,21 @@ class Fixed:
     def reached(self) -> float:
         return float(self.line.scenario.trials - self._left)
 
-    def next(self, ahead: bool) -> Ask | None:
+    def next(self, ahead: bool) -> TrialRequest | None:
         return self._todo.popleft() if self._todo and not ahead else None
 
-    def report(self, ask: Ask, outcome: Outcome) -> None:
+    def report(self, request: TrialRequest, outcome: Outcome) -> None:
         self._left -= 1
 
-    def wants(self, ask: Ask) -> bool:
+    def wants(self, request: TrialRequest) -> bool:
         return True
 
-    def drop(self, ask: Ask) -> None:
+    def drop(self, request: TrialRequest) -> None:
         """Never happens: every trial is wanted."""
 
 
 class ThresholdSearch:
-    """The search along one line: climb the grid until cells give way, then descend to the first that holds.
+    """The search along one line: go up the grid until cells give way, then down to the first that holds.
 
     Args:
         recall: the outcome of a trial that was run before, or None. What is known is taken in before anything is
@@ -112,24 +113,24 @@ class ThresholdSearch:
         self.line = line
         self._recall = recall
         self.top = line.num_cells
-        """The highest cell that may still hold: every smaller one is to be sampled, none of them gives way."""
+        """The highest cell that may still hold: every smaller one is to be screened, none of them gives way."""
         self.gave_way = False
-        self.sampled: dict[int, list[bool]] = {}
-        self.whole: dict[int, list[bool]] = {}
-        self._num_sampling = 0
-        self._to_sample: deque[tuple[int, int]] = deque()
-        self._to_judge: dict[int, list[int]] = {}
-        self._num_failures = [0] * NUM_WHOLE
-        """By seed, of whole trials at any cell."""
+        self.screened: dict[int, list[bool]] = {}
+        self.full_length: dict[int, list[bool]] = {}
+        self._num_screening = 0
+        self._to_screen: deque[tuple[int, int]] = deque()
+        self._to_run: dict[int, list[int]] = {}
+        self._num_failures = [0] * NUM_FULL_LENGTH
+        """By seed, of full-length trials at any cell."""
         self._candidate: int | None = None
         self._found_candidates: list[int] | None = None
         for cell in range(1, self.top):
-            for seed in range(NUM_SAMPLED):
-                known = recall(line.trial(cell, seed, whole=False))
+            for seed in range(NUM_SCREENING):
+                known = recall(line.trial(cell, seed, full_length=False))
                 if known is None:
-                    self._to_sample.append((cell, seed))
+                    self._to_screen.append((cell, seed))
                 else:
-                    self._add_sample(cell, line.succeeded(known))
+                    self._add_screening(cell, line.succeeded(known))
 
     @property
     def done(self) -> bool:
@@ -140,36 +141,36 @@ class ThresholdSearch:
         """Lower end of what is not yet known, for showing."""
         if self._candidate is not None:
             return self.line.size(self._candidate)
-        full = [cell for cell, outcomes in self.sampled.items() if len(outcomes) == NUM_SAMPLED]
+        full = [cell for cell, outcomes in self.screened.items() if len(outcomes) == NUM_SCREENING]
         return self.line.size(min(max(full, default=0), self.top))
 
-    def next(self, ahead: bool) -> Ask | None:
+    def next(self, ahead: bool) -> TrialRequest | None:
         """The next trial; with `ahead`, one that is only needed if the candidate turns out not to hold."""
         if self._candidate is None:
-            return None if ahead else self._next_sample()
+            return None if ahead else self._next_screening()
         for cell in self._candidates()[1 if ahead else 0 : LOOK_AHEAD if ahead else 1]:
-            if cell not in self._to_judge:
+            if cell not in self._to_run:
                 self._begin_candidate(cell)
                 if cell == self._candidate and self._descend():
                     return self.next(ahead)
-            num_asked, num_known = NUM_WHOLE - len(self._to_judge[cell]), len(self.whole[cell])
-            if num_asked < NUM_FIRST or (not ahead and num_known >= NUM_FIRST and num_asked < NUM_WHOLE):
-                return self._ask(cell, self._take_seed(cell), whole=True)
+            num_requested, num_known = NUM_FULL_LENGTH - len(self._to_run[cell]), len(self.full_length[cell])
+            if num_requested < NUM_FIRST or (not ahead and num_known >= NUM_FIRST and num_requested < NUM_FULL_LENGTH):
+                return self._request(cell, self._take_seed(cell), full_length=True)
         return None
 
-    def _next_sample(self) -> Ask | None:
-        while self._to_sample:
-            cell, seed = self._to_sample.popleft()
+    def _next_screening(self) -> TrialRequest | None:
+        while self._to_screen:
+            cell, seed = self._to_screen.popleft()
             if cell < self.top:
-                self._num_sampling += 1
-                return self._ask(cell, seed, whole=False)
-        if self._num_sampling:
+                self._num_screening += 1
+                return self._request(cell, seed, full_length=False)
+        if self._num_screening:
             return None
         self._candidate, self._found_candidates = self._next_candidate(self.top), None
         return self.next(ahead=False)
 
-    def _ask(self, cell: int, seed: int, whole: bool) -> Ask:
-        return Ask(self.line.trial(cell, seed, whole), cell, whole)
+    def _request(self, cell: int, seed: int, full_length: bool) -> TrialRequest:
+        return TrialRequest(self.line.trial(cell, seed, full_length), cell, full_length)
 
     def _candidates(self) -> list[int]:
         """The candidate, and who comes next should it not hold; none once it does. The same until a report."""
@@ -183,46 +184,46 @@ class ThresholdSearch:
         return self._found_candidates
 
     def _undecided(self, cell: int) -> bool:
-        return cell > 0 and len(self.whole.get(cell, [])) < NUM_WHOLE
+        return cell > 0 and len(self.full_length.get(cell, [])) < NUM_FULL_LENGTH
 
     def _take_seed(self, cell: int) -> int:
         """The next one of a candidate: first those that failed most elsewhere, for they rule it out soonest."""
-        seed = max(self._to_judge[cell], key=lambda seed: (self._num_failures[seed], -seed))
-        self._to_judge[cell].remove(seed)
+        seed = max(self._to_run[cell], key=lambda seed: (self._num_failures[seed], -seed))
+        self._to_run[cell].remove(seed)
         return seed
 
     def _begin_candidate(self, cell: int) -> None:
         self._found_candidates = None
-        outcomes = self.whole.setdefault(cell, [])
-        self._to_judge[cell] = []
-        for seed in range(NUM_WHOLE):
-            known = self._recall(self.line.trial(cell, seed, whole=True))
+        outcomes = self.full_length.setdefault(cell, [])
+        self._to_run[cell] = []
+        for seed in range(NUM_FULL_LENGTH):
+            known = self._recall(self.line.trial(cell, seed, full_length=True))
             if known is None:
-                self._to_judge[cell].append(seed)
+                self._to_run[cell].append(seed)
             else:
                 outcomes.append(self.line.succeeded(known))
                 self._num_failures[seed] += not outcomes[-1]
 
-    def wants(self, ask: Ask) -> bool:
+    def wants(self, request: TrialRequest) -> bool:
         """Not the trials of a candidate that was left, nor those above where cells give way."""
-        return ask.cell in self._candidates() if ask.whole else ask.cell < self.top
+        return request.cell in self._candidates() if request.full_length else request.cell < self.top
 
-    def drop(self, ask: Ask) -> None:
-        self._num_sampling -= not ask.whole
+    def drop(self, request: TrialRequest) -> None:
+        self._num_screening -= not request.full_length
 
-    def report(self, ask: Ask, outcome: Outcome) -> None:
+    def report(self, request: TrialRequest, outcome: Outcome) -> None:
         succeeded = self.line.succeeded(outcome)
         self._found_candidates = None
-        if ask.whole:
-            self.whole[ask.cell].append(succeeded)
-            self._num_failures[ask.trial.seed] += not succeeded
+        if request.full_length:
+            self.full_length[request.cell].append(succeeded)
+            self._num_failures[request.trial.seed] += not succeeded
             self._descend()
         else:
-            self._num_sampling -= 1
-            self._add_sample(ask.cell, succeeded)
+            self._num_screening -= 1
+            self._add_screening(request.cell, succeeded)
 
-    def _add_sample(self, cell: int, succeeded: bool) -> None:
-        self.sampled.setdefault(cell, []).append(succeeded)
+    def _add_screening(self, cell: int, succeeded: bool) -> None:
+        self.screened.setdefault(cell, []).append(succeeded)
         if not succeeded:
             self._look_for_gap(cell)
 
@@ -236,16 +237,16 @@ class ThresholdSearch:
 
     def _gives_way(self, cells: range) -> bool:
         """Whatever the trials still missing may bring."""
-        allowed = (1.0 - MIN_NEIGHBOUR_SHARE) * NUM_SAMPLED * len(cells) + 1e-9
+        allowed = (1.0 - MIN_NEIGHBOUR_SHARE) * NUM_SCREENING * len(cells) + 1e-9
         return sum(self._failures(cell) for cell in cells) > allowed
 
     def _failures(self, cell: int) -> int:
-        return self.sampled.get(cell, []).count(False)
+        return self.screened.get(cell, []).count(False)
 
     def _descend(self) -> bool:
         """Leave every candidate that cannot hold any more; was one left?"""
         before = self._candidate
-        while self._candidate and self.whole.get(self._candidate, []).count(False) > _MAX_FAILURES:
+        while self._candidate and self.full_length.get(self._candidate, []).count(False) > _MAX_FAILURES:
             self._candidate = self._next_candidate(self._candidate - 1)
         return self._candidate != before
 
@@ -253,7 +254,7 @@ class ThresholdSearch:
         """The next cell down that the trials so far do not rule out already; 0 for none."""
         while cell > 0 and (
             self._failures(cell) > _MAX_FAILURES
-            or self.whole.get(cell, []).count(False) > _MAX_FAILURES
+            or self.full_length.get(cell, []).count(False) > _MAX_FAILURES
             or self._gap_at_the_foot(cell)
         ):
             cell -= 1
@@ -265,7 +266,7 @@ class ThresholdSearch:
 
     def result(self) -> Threshold:
         cell = self._candidate or 0
-        outcomes = self.whole.get(cell, []) if cell else []
+        outcomes = self.full_length.get(cell, []) if cell else []
         low, high = wilson_interval(sum(outcomes), len(outcomes))
         limit = "search" if not self.gave_way else "gives way" if cell == self.top else "share"
         return Threshold(self.line, self.line.size(cell), len(outcomes), sum(outcomes), low, high, limit)

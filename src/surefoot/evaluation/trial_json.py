@@ -14,11 +14,13 @@ from surefoot.task.imperfections import Imperfections
 
 _PARTS: dict[str, Any] = {
     "push": Push,
-    "first": Push,
+    "preceding": Push,
     "drop": Drop,
     "imperfections": Imperfections,
     "domain": DomainParameters,
 }
+_OLD_NAMES = {"world": "domain", "whole": "full_length", "first": "preceding", "calm_from": "quiet_from"}
+"""Names of fields until version 0.1, and what they are called now."""
 _NO_DEFAULT = object()
 
 
@@ -30,8 +32,7 @@ def trial_to_json(trial: Trial) -> str:
 def trial_from_json(text: str) -> Trial:
     """The inverse of `trial_to_json`."""
     values = json.loads(text)
-    if "world" in values:  # its name until version 0.1
-        values["domain"] = values.pop("world")
+    values = {_OLD_NAMES.get(name, name): value for name, value in values.items()}
     for name, kind in _PARTS.items():
         if name in values:
             part = values[name]

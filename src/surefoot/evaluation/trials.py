@@ -16,7 +16,8 @@ from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.agents.controllers.loop import ControllerLoop
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.trial_monitor import CALM_FROM_S, HORIZON_S, TrialMonitor
+from surefoot.evaluation.protocol import PROTOCOL
+from surefoot.evaluation.trial_monitor import TrialMonitor
 from surefoot.physics.pushes import Drop, Push
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
@@ -25,9 +26,9 @@ from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.imperfections import PERFECT, Imperfections
 
-SETTLE_S = 1.0
+SETTLE_S = PROTOCOL.settle_time
 """Time that the policy has to find its stance before the disturbance."""
-JOINT_NOISE = 0.02
+JOINT_NOISE = PROTOCOL.start_angle_noise
 """Start angles differ by up to this [rad]."""
 NUM_SLOTS = 192
 
@@ -42,28 +43,28 @@ class Trial:
     Attributes:
         push: one of 0 Ns disturbs nothing; the disturbance then begins where the push would have.
         seed: draws the start angles, the push's start within the policy step, noise and bias.
-        whole: judged at the horizon; otherwise it may end as recovered once it is quiet.
-        first: a push before the other, or at the same time.
+        full_length: runs to its horizon; otherwise it may end as recovered once the robot stands quietly.
+        preceding: a push before the other, or at the same time.
         drop: the robot begins in the air, without a settling time.
         imperfections: of sensors and actuators.
         domain: what it stands on and is made of; the same for all trials of a batch.
         horizon: from the beginning of the disturbance to the verdict [s].
-        calm_from: from the beginning of the disturbance on, how calmly it stands [s].
+        quiet_from: quiet standing is measured from this time after the beginning of the disturbance on [s].
     """
 
     push: Push = NO_PUSH
     seed: int = 0
-    whole: bool = True
-    first: Push | None = None
+    full_length: bool = True
+    preceding: Push | None = None
     drop: Drop | None = None
     imperfections: Imperfections = PERFECT
     domain: DomainParameters = NOMINAL_DOMAIN
-    horizon: float = HORIZON_S
-    calm_from: float = CALM_FROM_S
+    horizon: float = PROTOCOL.horizon
+    quiet_from: float = PROTOCOL.quiet_from
 
     @property
     def pushes(self) -> tuple[Push, ...]:
-        return (self.push,) if self.first is None else (self.first, self.push)
+        return (self.push,) if self.preceding is None else (self.preceding, self.push)
 
 
 class TrialSource(ABC):
@@ -150,7 +151,7 @@ class _Arena:
         else:
             nominal = np.array(contract.nominal_pose)
             self.loop = ControlLoop(self.robot, num_slots, nominal, contract.action_scale, num_threads, domain)
-        self.judge = TrialMonitor(self.robot, num_slots, domain.motor_strength)
+        self.monitor = TrialMonitor(self.robot, num_slots, domain.motor_strength)
         self.trial: list[Trial | None] = [None] * num_slots
         self._arms: dict[tuple[str, float], float] = {}
 
@@ -182,7 +183,7 @@ class _Arena:
     def step(self, slots: np.ndarray) -> tuple[StepRecord, dict[int, Outcome]]:
         ticks, failed = self._advance(slots)
         diverged = self.loop.engine.diverged[slots]
-        return ticks, self.judge.update(slots, ticks, self.loop.tick[slots], diverged, failed)
+        return ticks, self.monitor.update(slots, ticks, self.loop.tick[slots], diverged, failed)
 
     def _advance(self, slots: np.ndarray) -> tuple[StepRecord, dict[int, str]]:
         """One policy step, and why the controllers of which robots have failed."""
@@ -215,14 +216,14 @@ class _Arena:
             self.loop.spoil(slot, trial.imperfections, trial.seed)
             for place, push in enumerate(trial.pushes):
                 self._schedule(slot, place, push, tick)
-        self.judge.reset(
+        self.monitor.reset(
             slots,
             start_ticks,
             start=begin + _ticks([min(push.start for push in trial.pushes) for trial in trials]),
             push_end=begin + _ticks([max(push.start + push.duration for push in trial.pushes) for trial in trials]),
             horizon=np.array([trial.horizon for trial in trials]),
-            calm_from=np.array([trial.calm_from for trial in trials]),
-            whole=np.array([trial.whole for trial in trials]),
+            quiet_from=np.array([trial.quiet_from for trial in trials]),
+            full_length=np.array([trial.full_length for trial in trials]),
         )
 
     def _schedule(self, slot: int, place: int, push: Push, begin: int) -> None:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import itertools
 
 from surefoot.agents.agent import Policy
-from surefoot.evaluation.scenarios import PAPER, ROOT_16, Line, Scenario
+from surefoot.evaluation.scenarios import Line, Scenario
+from surefoot.evaluation.suites import PAPER, ROOT_16
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.learning.probe import FIRST_SEED
 from surefoot.task.imperfections import PERFECT

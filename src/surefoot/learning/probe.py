@@ -71,8 +71,8 @@ def probe(policy: Policy, num_threads: int = 0, round: int = 0) -> Probe:
     lines = push_lines(num_directions=2 * NUM_DIRECTIONS)[round // 2 % 2 :: 2]
     cells = [(i, j) for i in range(NUM_DIRECTIONS) for j in range(NUM_IMPULSES)]
     seeds = itertools.count(FIRST_SEED + round * (len(cells) + NUM_DIRECTIONS))
-    trials = {(i, j): lines[i].trial((j + 1) * SPACING, next(seeds), whole=False) for i, j in cells}
-    whole = [line.trial(CALM_CELL, next(seeds), whole=True) for line in lines]
+    trials = {(i, j): lines[i].trial((j + 1) * SPACING, next(seeds), full_length=False) for i, j in cells}
+    whole = [line.trial(CALM_CELL, next(seeds), full_length=True) for line in lines]
     todo = [*whole, *trials.values()]
     outcomes = run_list(policy, todo, num_slots=len(todo), num_threads=num_threads)
     pushed = [[outcomes[trials[i, j]] for j in range(NUM_IMPULSES)] for i in range(NUM_DIRECTIONS)]
@@ -84,9 +84,9 @@ def probe(policy: Policy, num_threads: int = 0, round: int = 0) -> Probe:
         fell=float(np.mean([outcome.reason == "fell" for row in pushed for outcome in row])),
         rejected={line.name: float(impulse) for line, impulse in zip(lines, unbroken, strict=True)},
         calm=sum(_is_calm(outcome) for outcome in stood) / NUM_DIRECTIONS,
-        power=float(np.median([outcome.calm_power for outcome in stood])) if stood else float("nan"),
+        power=float(np.median([outcome.quiet_power for outcome in stood])) if stood else float("nan"),
     )
 
 
 def _is_calm(outcome: Outcome) -> bool:
-    return outcome.calm_power < CALM_POWER and outcome.calm_drift < CALM_DRIFT and outcome.calm_steps == 0
+    return outcome.quiet_power < CALM_POWER and outcome.quiet_drift < CALM_DRIFT and outcome.quiet_steps == 0

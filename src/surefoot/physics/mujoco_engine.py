@@ -38,6 +38,10 @@ _TOUCH = 1e-6
 """A robot is put down so deep [m]: with soles at exactly zero, rounding would decide whether they touch."""
 
 
+ENGINE_NAME = f"mujoco {mujoco.__version__}"
+"""The engine and its version, which every result is kept with."""
+
+
 class MujocoEngine:
     """`num_robots` copies of a robot on all cores.
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from surefoot.evaluation.scenarios import DIRECTIONS, NOISE, ROBUSTNESS
+from surefoot.evaluation.scenarios import DIRECTIONS
+from surefoot.evaluation.suites import NOISE, ROBUSTNESS
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.report import paper, tables
 from surefoot.report.evaluations import Evaluation

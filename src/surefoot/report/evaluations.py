@@ -10,11 +10,12 @@ from typing import Any
 from surefoot.agents.contract import Contract
 from surefoot.agents.controllers.step_times import Timing
 from surefoot.errors import UserError
-from surefoot.evaluation.evaluate import whole_outcomes
+from surefoot.evaluation.evaluate import full_length_outcomes
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.results import Key, Results, TrialStore, open_results
-from surefoot.evaluation.scenarios import PAPER, ROBUSTNESS, SINGLE, Line
-from surefoot.evaluation.threshold_search import NUM_SAMPLED, NUM_WHOLE, Threshold
+from surefoot.evaluation.scenarios import Line
+from surefoot.evaluation.suites import PAPER, ROBUSTNESS, SINGLE
+from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold
 from surefoot.evaluation.trials import Trial
 from surefoot.report import tables
 from surefoot.report.tables import Fixed
@@ -26,7 +27,7 @@ SHANK = "push at the shank"
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of the 6 Ns grid: how many of its trials, sampled and whole, recovered."""
+    """A cell of the 6 Ns grid: how many of its trials, screening and full-length, recovered."""
 
     impulse: float
     recovered: int
@@ -158,16 +159,16 @@ def _cells(line: Line, store: TrialStore) -> list[Cell]:
     """The cells that were searched, from the smallest up."""
     cells: list[Cell] = []
     for cell in range(1, line.num_cells + 1):
-        outcomes = _known(line, cell, store, NUM_SAMPLED, whole=False)
+        outcomes = _known(line, cell, store, NUM_SCREENING, full_length=False)
         if not outcomes:  # what lies above was not searched; single trials of other scenarios may
             break
-        outcomes += _known(line, cell, store, NUM_WHOLE, whole=True)
+        outcomes += _known(line, cell, store, NUM_FULL_LENGTH, full_length=True)
         cells.append(Cell(line.size(cell), sum(map(line.succeeded, outcomes)), len(outcomes)))
     return cells
 
 
-def _known(line: Line, cell: int, store: TrialStore, num_seeds: int, whole: bool) -> list[Outcome]:
-    trials = (line.trial(cell, seed, whole) for seed in range(num_seeds))
+def _known(line: Line, cell: int, store: TrialStore, num_seeds: int, full_length: bool) -> list[Outcome]:
+    trials = (line.trial(cell, seed, full_length) for seed in range(num_seeds))
     return [outcome for trial in trials if (outcome := store.get(trial))]
 
 
@@ -185,13 +186,13 @@ def _cases(thresholds: Sequence[Threshold], fixed: Fixed, store: TrialStore) -> 
 
 
 def _largest_recovered(thresholds: Iterable[Threshold], store: TrialStore) -> Case | None:
-    """The first recovered whole trial at the largest of the thresholds."""
+    """The first recovered full-length trial at the largest of the thresholds."""
     largest = max(thresholds, key=lambda t: t.size, default=None)
-    if largest is None or not whole_outcomes(largest, store):
+    if largest is None or not full_length_outcomes(largest, store):
         return None
     cell = round(largest.size / largest.line.grid)
     for seed in range(largest.trials):
-        trial = largest.line.trial(cell, seed, whole=True)
+        trial = largest.line.trial(cell, seed, full_length=True)
         outcome = store.get(trial)
         if outcome and outcome.recovered:
             return Case(trial, outcome)

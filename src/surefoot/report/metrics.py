@@ -108,11 +108,11 @@ def _quiet_figures(fixed: Mapping[str, Mapping[Trial, Outcome]]) -> dict[str, fl
 
 def _calm(key: str, outcomes: Sequence[Outcome]) -> dict[str, float]:
     """Largest drift and power and all steps of some trials; NaN, JSON's null, if one did not stand to its end."""
-    drift = max((o.calm_drift for o in outcomes), default=math.nan)
-    power = max((o.calm_power for o in outcomes), default=math.nan)
-    stood = bool(outcomes) and not any(math.isnan(o.calm_drift) for o in outcomes)
+    drift = max((o.quiet_drift for o in outcomes), default=math.nan)
+    power = max((o.quiet_power for o in outcomes), default=math.nan)
+    stood = bool(outcomes) and not any(math.isnan(o.quiet_drift) for o in outcomes)
     return {
         f"{key}.com_drift_m": round(drift, 4) if stood else math.nan,
         f"{key}.mean_power_W": round(power, 2) if stood else math.nan,
-        f"{key}.steps": sum(o.calm_steps for o in outcomes) if stood else math.nan,
+        f"{key}.steps": sum(o.quiet_steps for o in outcomes) if stood else math.nan,
     }

@@ -11,9 +11,7 @@ import jinja2
 
 import surefoot
 from surefoot.errors import UserError
-from surefoot.evaluation import threshold_search as climb
-from surefoot.evaluation import trial_monitor as judge
-from surefoot.evaluation import trials
+from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.replay import check_setup, find_policy
 from surefoot.report import paper, tables
 from surefoot.report.comparison import of_policy, side_by_side, versions_table
@@ -92,9 +90,7 @@ class Report:
             report=self,
             best=best,
             cards=headline(best),
-            climb=climb,
-            judge=judge,
-            trials=trials,
+            protocol=PROTOCOL,
             version=surefoot.__version__,
         )
 

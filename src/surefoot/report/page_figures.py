@@ -21,7 +21,7 @@ from surefoot.agents.agent import Policy
 from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.replay import differences
-from surefoot.evaluation.scenarios import SINGLE
+from surefoot.evaluation.suites import SINGLE
 from surefoot.evaluation.trials import Trial
 from surefoot.rendering.strip import filmstrip
 from surefoot.rendering.words import push_words

@@ -49,8 +49,9 @@ def draw_strip(policy: Policy, thresholds: Sequence[Threshold], path: Path) -> P
     pushes = tables.root_pushes(thresholds)
     forward, left = pushes["forward"], pushes["left"]
     too_much = max(pushes.values(), key=lambda t: t.size)
-    trials = [t.line.trial(round(t.size / t.line.grid), STRIP_SEED, whole=True) for t in (forward, left)]
-    trials.append(too_much.line.trial(round(1.5 * too_much.size / too_much.line.grid) + 5, STRIP_SEED, whole=True))
+    trials = [t.line.trial(round(t.size / t.line.grid), STRIP_SEED, full_length=True) for t in (forward, left)]
+    cell = round(1.5 * too_much.size / too_much.line.grid) + 5
+    trials.append(too_much.line.trial(cell, STRIP_SEED, full_length=True))
     recordings = [record(policy, trial) for trial in trials]
     save_picture(path, filmstrip(recordings))
     return path

@@ -11,9 +11,10 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from surefoot.agents.agent import Named
-from surefoot.evaluation.evaluate import Store, whole_outcomes
+from surefoot.evaluation.evaluate import Store, full_length_outcomes
 from surefoot.evaluation.outcome import Outcome, joint_groups
-from surefoot.evaluation.scenarios import DIRECTIONS, PAPER
+from surefoot.evaluation.scenarios import DIRECTIONS
+from surefoot.evaluation.suites import PAPER
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
 from surefoot.physics import balance
@@ -142,7 +143,7 @@ def median_steps(thresholds: Sequence[Threshold], store: Store) -> dict[str, flo
     """Median number of steps of the trials at the worst direction's threshold, by scenario."""
     steps = {}
     for name, lines in by_scenario(thresholds).items():
-        outcomes = whole_outcomes(min(lines.values(), key=lambda t: t.size), store)
+        outcomes = full_length_outcomes(min(lines.values(), key=lambda t: t.size), store)
         if outcomes:
             steps[name] = float(np.median([outcome.steps for outcome in outcomes]))
     return steps
@@ -387,8 +388,8 @@ def quiet_table(fixed: Fixed) -> Table:
         stood = [o for o in outcomes.values() if o.recovered]
         values = ["", "", ""]
         if stood:
-            drift, power = max(o.calm_drift for o in stood), max(o.calm_power for o in stood)
-            values = [f"{100 * drift:.1f}", f"{power:.1f}", f"{sum(o.calm_steps for o in stood):g}"]
+            drift, power = max(o.quiet_drift for o in stood), max(o.quiet_power for o in stood)
+            values = [f"{100 * drift:.1f}", f"{power:.1f}", f"{sum(o.quiet_steps for o in stood):g}"]
         rows.append([_words(scenario), f"{len(stood)}/{len(outcomes)}", *values])
     columns = ["", "recovered", "CoM drift [cm]", "mean power [W]", "steps"]
     return Table("Quiet standing", columns, rows, "Largest drift and power, and all steps, of the recovered trials.")

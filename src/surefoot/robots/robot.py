@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from surefoot.errors import UserError
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.robots.fingerprint import model_fingerprint
 from surefoot.robots.geometry import reference_data
 from surefoot.robots.model import SOLES, compile_model
 
@@ -89,6 +89,11 @@ class Robot:
         """How many joints are controlled."""
         return len(self.joint_names)
 
+    @functools.cached_property
+    def fingerprint(self) -> str:
+        """Twelve hexadecimal digits that name the physical facts of the robot; results are kept with it."""
+        return model_fingerprint(self.model())
+
     @property
     def weight(self) -> float:
         """Weight [N]; standing still, each foot carries half of it."""
@@ -115,19 +120,6 @@ class Robot:
     def _lateral_place(self, body: str) -> float:
         model = self.model()
         return float(reference_data(model).xpos[model.body(body).id, 1])
-
-    @functools.cached_property
-    def fingerprint(self) -> str:
-        """Names the physical facts of the model: equal for two robots that move alike, whatever they look like."""
-        model = self.model()
-        text = [*self.joint_names, *self.body_names]
-        for part in _PHYSICAL:
-            values = np.asarray(getattr(model, part), float).ravel()
-            text.append(part + ",".join(f"{value + 0.0:.9g}" for value in values))
-        option = model.opt
-        text += [f"{option.timestep:.9g}", f"{option.impratio:.9g}", str(option.gravity), str(option.disableflags)]
-        text += [str(int(value)) for value in (option.integrator, option.cone, option.solver, option.iterations)]
-        return hashlib.sha256("\n".join(text).encode()).hexdigest()[:12]
 
     def model(self, domain: DomainParameters = NOMINAL_DOMAIN, *, visual: bool = False) -> mujoco.MjModel:
         """Compile the model; without `visual`, shapes that are only looked at are left out (same physics, faster)."""
@@ -196,13 +188,3 @@ class Robot:
         body = self.pushed_body(word)
         image = self.body_mirror.get(body, body)
         return next((other for other, its in self.pushable.items() if its == image and image != body), word)
-
-
-_PHYSICAL = (
-    *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "body_parentid"),
-    *("jnt_type", "jnt_axis", "jnt_pos", "jnt_range", "jnt_limited", "dof_damping", "dof_armature", "dof_frictionloss"),
-    *("geom_type", "geom_size", "geom_pos", "geom_quat", "geom_bodyid", "geom_contype", "geom_conaffinity"),
-    *("geom_friction", "geom_condim", "geom_solref", "geom_solimp", "geom_margin", "geom_gap"),
-    *("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_forcerange", "exclude_signature"),
-)
-"""Arrays of a compiled model on which motion depends; shapes that are only looked at are not compiled in."""

@@ -1,7 +1,7 @@
 """Verdict: is a robot that somebody pushes at will standing, recovering, recovered or fallen? And how often so far.
 
 The words are those of a trial (`docs/method.md`), except that nobody waits for ten seconds: a robot has recovered once
-it has been upright and slow for 2 s, as in the trials that are not judged whole.
+it has been upright and slow for 2 s, as in the trials that need not run to their horizon.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from enum import IntEnum
 
 import numpy as np
 
-from surefoot.evaluation.trial_monitor import HORIZON_S, MAX_COM_SPEED, MAX_TILT_DEG, QUIET_S
+from surefoot.evaluation.protocol import PROTOCOL
+from surefoot.evaluation.quiet import QuietRule, com_speed, is_upright
 from surefoot.physics.step_record import StepRecord
-from surefoot.rates import CONTROL_HZ, POLICY_HZ, TICKS_PER_STEP
+from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 
 
 class State(IntEnum):
@@ -41,14 +42,13 @@ class Verdicts:
         self.recovered = 0
         self.fallen = 0
         self._over = np.zeros(num_robots, np.int64)
-        self._upright_steps = np.zeros(num_robots, np.int64)
-        self._speed = np.zeros((num_robots, round(QUIET_S * POLICY_HZ)))
-        self._num_steps = 0
+        self._everyone = np.arange(num_robots)
+        self._quiet_rule = QuietRule(num_robots)
 
     def reset(self, ids: np.ndarray) -> None:
         """Robots `ids` (n,) stand anew; what they were recovering from does not count."""
         self._set(ids, State.STANDING)
-        self._upright_steps[ids] = 0
+        self._quiet_rule.reset(ids)
         self._over[ids] = 0
 
     def disturb(self, ids: np.ndarray, over: np.ndarray) -> None:
@@ -62,14 +62,11 @@ class Verdicts:
         self.recovered = self.fallen = 0
 
     def update(self, ticks: StepRecord, tick: np.ndarray, diverged: np.ndarray) -> None:
-        """TrialMonitor the last policy step (N, TICKS_PER_STEP, ...) of all robots; `tick` (N,) is its end."""
+        """Take in the last policy step (N, TICKS_PER_STEP, ...) of all robots; `tick` (N,) is its end."""
         self.since += TICKS_PER_STEP / CONTROL_HZ
-        upright = np.minimum(ticks.root_uprightness, ticks.torso_uprightness).min(axis=1) > _COS_TILT
-        self._upright_steps = np.where(upright & (tick > self._over), self._upright_steps + 1, 0)
-        speed = np.linalg.norm(ticks.com_velocity, axis=-1).mean(axis=1)
-        self._speed[:, self._num_steps % self._speed.shape[1]] = speed
-        self._num_steps += 1
-        quiet = (self._upright_steps >= self._speed.shape[1]) & (self._speed.mean(axis=1) < MAX_COM_SPEED)
+        first_tick, counts = tick - TICKS_PER_STEP, tick > self._over
+        self._quiet_rule.update(self._everyone, is_upright(ticks), com_speed(ticks), first_tick, counts)
+        quiet = self._quiet_rule.holds(self._everyone)
         recovering = self.state == State.RECOVERING
         fell = (ticks.non_foot_contact.any(axis=1) | diverged) & (self.state != State.FELL)
         self.fallen += int(fell.sum())
@@ -77,12 +74,9 @@ class Verdicts:
         recovered = ~fell & quiet & (recovering | (self.state == State.RESTLESS))
         self.recovered += int((recovered & recovering).sum())
         self._set(np.flatnonzero(recovered), State.RECOVERED)
-        late = recovering & ~fell & ~recovered & (tick - self._over > HORIZON_S * CONTROL_HZ)
+        late = recovering & ~fell & ~recovered & (tick - self._over > PROTOCOL.horizon * CONTROL_HZ)
         self._set(np.flatnonzero(late), State.RESTLESS)
 
     def _set(self, ids: np.ndarray, state: State) -> None:
         self.state[ids] = state
         self.since[ids] = 0.0
-
-
-_COS_TILT = np.cos(np.radians(MAX_TILT_DEG))
