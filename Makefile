@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install check test demo quick-demo bench results results-tables results-controllers screenshots clean
+.PHONY: help install check test test-fast demo quick-demo bench results results-tables results-controllers screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
 	@echo "make test    run the tests"
-	@echo "make check   format, lint, types"
+	@echo "make test-fast  run the tests that need no learning and no browser, in a minute and a half"
+	@echo "make check   format, lint, types, import layers"
 	@echo "make bench   measure the speed of every layer"
 
 install: $(READY)
@@ -24,9 +25,14 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 test: $(READY)
 	$(BIN)/pytest -n 2
+
+# Without the tests that are marked slow: those that learn, open a browser, build a wheel or run whole suites.
+test-fast: $(READY)
+	$(BIN)/pytest -n 2 -m "not slow"
 
 demo: $(READY)
 	$(BIN)/surefoot demo

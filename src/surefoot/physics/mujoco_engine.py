@@ -1,6 +1,6 @@
-"""MujocoEngine: many robots on all cores at 500 Hz.
+"""MuJoCo as an engine: many robots on all cores at 500 Hz.
 
-Joint targets and wrenches go in, one call advances every robot by one policy step (20 ticks), and `StepRecord` comes
+Joint targets and wrenches go in, one call advances every robot by one policy step (20 ticks), and a `StepRecord` comes
 out. Quantities are in the world frame and in SI units unless their name says otherwise. A tick is recorded at its
 start, before the physics step that it begins.
 """
@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from surefoot.physics.engine import WHOLE_STEP
 from surefoot.physics.mujoco_sensors import add_sensors
 from surefoot.physics.step_record import StepRecord, sole_corners
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
@@ -19,21 +20,9 @@ from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.robots.model import FLOOR, compile_model
 
 _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
-
-
 _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-
-
 _AT_REST = ("qvel", "qacc_warmstart", "ctrl", "xfrc_applied")
-
-
 _DIVERGENCE_WARNINGS = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjNWARNING))
-
-
-WHOLE_STEP = slice(None)
-"""All ticks of a policy step."""
-
-
 _TOUCH = 1e-6
 """A robot is put down so deep [m]: with soles at exactly zero, rounding would decide whether they touch."""
 
@@ -43,9 +32,11 @@ ENGINE_NAME = f"mujoco {mujoco.__version__}"
 
 
 class MujocoEngine:
-    """`num_robots` copies of a robot on all cores.
+    """`num_robots` copies of a robot on all cores: an `Engine`.
 
     Args:
+        robot: what is simulated.
+        num_robots: how many of it.
         num_threads: 0 for all cores.
         domain: floor, masses, motors and physics rate.
 
@@ -57,6 +48,8 @@ class MujocoEngine:
             was put back to its default state.
         num_diverged: how many have, ever.
     """
+
+    name = f"mujoco {mujoco.__version__}"
 
     def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0, domain: DomainParameters = NOMINAL_DOMAIN):
         self.robot = robot
@@ -74,9 +67,8 @@ class MujocoEngine:
         self._control = np.zeros((num_robots, TICKS_PER_STEP, num_controls))
         self.joint_targets = self._control[..., : self.model.nu]
         wrench = self._control[..., self.model.nu :]
-        self.wrench = wrench.reshape(num_robots, TICKS_PER_STEP, self.model.nbody, 6)[
-            :, :, 1:
-        ]  # the world is not pushed
+        of_bodies = wrench.reshape(num_robots, TICKS_PER_STEP, self.model.nbody, 6)
+        self.wrench = of_bodies[:, :, 1:]  # without MuJoCo's world body
         self.diverged = np.zeros(num_robots, bool)
         self.num_diverged = 0
         self._warnings = np.zeros(num_robots, np.int64)

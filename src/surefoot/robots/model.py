@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 
@@ -122,6 +120,8 @@ def _check_root(spec: mujoco.MjSpec, description: Description) -> None:
         root.add_freejoint()
     elif kinds != [mujoco.mjtJoint.mjJNT_FREE]:
         raise UserError(f"{description.file}: the root '{description.root}' must have a free joint and no other")
+    if len([joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]) > 1:
+        raise UserError(f"{description.file}: only the root '{description.root}' may have a free joint")
 
 
 def _weld_held_joints(spec: mujoco.MjSpec, description: Description) -> None:
@@ -224,8 +224,3 @@ def _rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     turned = np.zeros(3)
     mujoco.mju_rotVecQuat(turned, vector, quaternion)
     return turned
-
-
-def model_folder(description: Description) -> Path:
-    """Where the MJCF file looks for its meshes."""
-    return description.model.parent
