@@ -16,7 +16,8 @@ from surefoot.agents.load import load_policy
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.viewer import browser
-from surefoot.viewer.page import Page, check_port
+from surefoot.viewer.page import Page
+from surefoot.viewer.server import check_port
 from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource
 from surefoot.viewer.verdict import State
@@ -281,7 +282,7 @@ def run_folder(tmp_path) -> Path:
 def shipped_file(name: str) -> Path:
     import surefoot
 
-    return Path(surefoot.__file__).parent / "policies" / f"{name}.onnx"
+    return Path(surefoot.__file__).parent / "agents" / "shipped" / f"{name}.onnx"
 
 
 def test_a_run_is_watched_while_it_learns(run_folder):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
-
 import mujoco
 import numpy as np
 
 from surefoot.robots import Robot
 
-REFERENCE_HEIGHT = 1.9
+REFERENCE_HEIGHT = 1.776
 """The lengths in pictures and on the live page are chosen for a robot of this height [m]."""
 _HIDDEN_GROUP = 3
 """MuJoCo's convention: geoms of this group and the following ones are not looked at."""
@@ -17,19 +15,9 @@ _VISUAL_GROUP = 2
 """MuJoCo's convention: geoms of this group are only looked at."""
 
 
-@functools.cache
 def scale_of(robot: Robot) -> float:
-    """The robot's height in its first pose over `REFERENCE_HEIGHT`."""
-    model = robot.model(visual=True)
-    data = mujoco.MjData(model)
-    data.qpos[7:] = next(iter(robot.poses.values()))
-    mujoco.mj_kinematics(model, data)
-    geoms = np.flatnonzero(model.geom_bodyid > 0)
-    rotation = data.geom_xmat[geoms].reshape(-1, 3, 3)
-    center, half_size = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
-    height = data.geom_xpos[geoms, 2] + np.einsum("gi,gi->g", rotation[:, 2], center)
-    reach = np.einsum("gi,gi->g", np.abs(rotation[:, 2]), half_size)
-    return float((height + reach).max() - (height - reach).min()) / REFERENCE_HEIGHT
+    """The robot's height over `REFERENCE_HEIGHT`."""
+    return robot.standing_height / REFERENCE_HEIGHT
 
 
 def visible_geoms(model: mujoco.MjModel) -> np.ndarray:

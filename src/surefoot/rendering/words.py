@@ -6,6 +6,7 @@ import numpy as np
 
 from surefoot.evaluation.trials import Trial
 from surefoot.physics.pushes import Push
+from surefoot.robots import Robot
 
 _WAYS = (
     *("forward", "forward left", "left", "backward left"),
@@ -36,3 +37,9 @@ def trial_words(trial: Trial) -> str:
         parts.append(f"drop from {trial.drop.height:g} m" + ", leaning" * bool(trial.drop.roll or trial.drop.pitch))
     parts += [push_words(push) for push in trial.pushes if push.impulse]
     return ", then ".join(parts) or "no push"
+
+
+def pushable_words(robot: Robot) -> dict[str, str]:
+    """Word that a reader sees, such as "left thigh" -> name under which that body is pushed; the root comes first."""
+    others = [name for name, body in robot.pushable.items() if body != robot.root]
+    return {robot.root.replace("_", " "): "root"} | {name.replace("_", " "): name for name in others}

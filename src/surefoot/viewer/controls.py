@@ -1,73 +1,111 @@
-"""Controls: the panel of buttons and sliders, and the keys."""
+"""Controls: the panel of buttons and sliders, and the keys. What they ask for is done by somebody else."""
 
 from __future__ import annotations
 
-import tempfile
 import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
+import numpy as np
 import viser
 
-from surefoot.errors import UserError
 from surefoot.physics.pushes import Push, horizontal_push
-from surefoot.viewer.clip import SECONDS, save_clip
-from surefoot.viewer.session import FRICTION
-from surefoot.viewer.source import offered_policies
-
-if TYPE_CHECKING:
-    from surefoot.viewer.page import Page
+from surefoot.rendering.words import pushable_words
+from surefoot.robots import Robot
+from surefoot.viewer.clip import SECONDS
+from surefoot.viewer.markup import render
+from surefoot.viewer.player import Player
+from surefoot.viewer.session import FRICTION, Session
+from surefoot.viewer.source import PolicySource, offered_policies
 
 CROWDS = ("1", "4", "16", "36", "64")
 _OTHER = "other ..."
 _KEYS = {"space": "pause", "N": "one step", "R": "reset", "F": "follow", "X": "see through"}
-_HELP = (
-    '<div style="font:13px/1.5 system-ui,sans-serif;padding:6px 12px 4px">'
-    "<b>Drag</b> any part of the robot with the mouse, press an <b>arrow key</b>, or press <b>Push</b>."
-    '<div style="opacity:.65;font-size:12px">'
-    + " · ".join(f'<span style="white-space:nowrap"><b>{key}</b> {what}</span>' for key, what in _KEYS.items())
-    + "<br>drag the floor to turn the view, wheel to zoom</div></div>"
-)
+_ARROWS = {
+    "arrowup": ("Push away from the viewer", 0, 1),
+    "arrowdown": ("Push towards the viewer", 0, -1),
+    "arrowleft": ("Push to the left on the screen", -1, 0),
+    "arrowright": ("Push to the right on the screen", 1, 0),
+}
+"""Of a key: what it does, and its direction on the screen, to the right and away from the viewer."""
+_FIRST_IMPULSE, _LARGEST_IMPULSE = 15, 80
+"""Of the slider, in steps of the robot's grid of impulses."""
+
+
+class Actions(Protocol):
+    """What the controls ask for.
+
+    Attributes:
+        player: plays the session.
+        source: where the policy comes from.
+        follow: does the camera follow the watched robot?
+    """
+
+    player: Player
+    source: PolicySource
+    follow: bool
+
+    def push(self, action: Callable[[Session], object]) -> None:
+        """Do something that disturbs the robots."""
+
+    def reset(self) -> None:
+        """Put all robots back to their places."""
+
+    def set_source(self, name: str) -> None:
+        """Go on with another policy."""
+
+    def set_num_robots(self, num_robots: int) -> None:
+        """Begin anew with another number of robots."""
+
+    def set_see_through(self, see_through: bool) -> None:
+        """Draw the robots such that the marks inside are seen, or not."""
+
+    def set_overlays(self, visible: bool) -> None:
+        """Show forces and points, or not."""
+
+    def send_clip(self, client: viser.ClientHandle) -> None:
+        """Give a browser the last seconds as a film."""
 
 
 class Controls:
-    """All that a user can set, and what happens then. The page does it."""
+    """All that a user can set, and what happens then.
 
-    def __init__(self, page: Page, runs: Path):
-        self._page = page
+    Args:
+        gui: where the panel is made.
+        actions: who does what is asked for.
+        runs: folder whose run folders are offered.
+    """
+
+    def __init__(self, gui: viser.GuiApi, actions: Actions, runs: Path):
+        self._gui = gui
+        self._actions = actions
         self._runs = runs
-        self._gui = page.server.gui
-        self._gui.add_html(_HELP)
-        with self._gui.add_folder("Push"):
-            self._add_pushes()
-        with self._gui.add_folder("Policy and robots"):
+        gui.add_html(render("help", keys=_KEYS))
+        with gui.add_folder("Push"):
+            self._add_pushes(actions.player.session.robot)
+        with gui.add_folder("Policy and robots"):
             self._add_policy()
-        with self._gui.add_folder("Time"):
+            self._add_conditions()
+        with gui.add_folder("Time"):
             self._add_time()
-        with self._gui.add_folder("View"):
+        with gui.add_folder("View"):
             self._add_view()
         self._add_keys()
 
-    @property
-    def body(self) -> str:
-        return self._body.value.replace(" ", "_")
-
-    @property
-    def impulse(self) -> float:
-        return float(self._impulse.value)
-
-    def set_impulse(self, impulse: int) -> None:
+    def set_impulse(self, impulse: float) -> None:
         """Move the slider [Ns]."""
         self._impulse.value = impulse  # type: ignore[misc] # as in _toggle
 
-    @property
-    def duration(self) -> float:
-        return float(self._duration.value)
+    def refresh_policies(self) -> None:
+        """Offer run folders that are new."""
+        if self._policies.options != self._offered():
+            self._policies.options = self._offered()
 
-    def _add_pushes(self) -> None:
-        page, gui = self._page, self._gui
-        bodies = [name.replace("_", " ") for name in page.player.session.robot.pushable if name != "root"]
-        self._body = gui.add_dropdown("Body", bodies, initial_value="root")
+    def _add_pushes(self, robot: Robot) -> None:
+        gui, step = self._gui, robot.impulse_step
+        self._bodies = pushable_words(robot)
+        self._body = gui.add_dropdown("Body", tuple(self._bodies), initial_value=next(iter(self._bodies)))
         self._angle = gui.add_slider(
             "Direction",
             min=-180,
@@ -77,140 +115,117 @@ class Controls:
             marks=((-180, "back"), (-90, "right"), (0, "forward"), (90, "left"), (180, "back")),
             hint="degrees, as the robot sees it",
         )
-        self._impulse = gui.add_slider("Impulse [Ns]", min=6, max=480, step=6, initial_value=90)
+        self._impulse = gui.add_slider(
+            "Impulse [Ns]", min=step, max=_LARGEST_IMPULSE * step, step=step, initial_value=_FIRST_IMPULSE * step
+        )
         self._duration = gui.add_slider("Duration [s]", min=0.02, max=1.0, step=0.02, initial_value=0.12)
         button = gui.add_button("Push", icon=viser.Icon.HAND_MOVE, color=(226, 88, 24))
+        button.on_click(lambda _: self._push(self._chosen_push()))
+        self._height = gui.add_slider("Height [m]", min=0.05, max=0.6, step=0.05, initial_value=0.3)
+        gui.add_button_group("", ("Drop", "Lift and push")).on_click(self._drop_or_lift)
 
-        @button.on_click
-        def _(_: viser.GuiEvent) -> None:
-            push = self._chosen_push()
-            page.push(lambda session: session.push(push))
+    def _drop_or_lift(self, event: viser.GuiEvent[Any]) -> None:
+        fall, push = float(self._height.value), self._chosen_push()
+        if event.target.value == "Drop":
+            self._actions.push(lambda session: session.drop(fall))
+        else:
+            self._actions.push(lambda session: session.lift_and_push(push))
 
-        height = gui.add_slider("Height [m]", min=0.05, max=0.6, step=0.05, initial_value=0.3)
-        drop = gui.add_button_group("", ("Drop", "Lift and push"))
-
-        @drop.on_click
-        def _(event: viser.GuiEvent) -> None:
-            fall, push = float(height.value), self._chosen_push()
-            if event.target.value == "Drop":
-                page.push(lambda session: session.drop(fall))
-            else:
-                page.push(lambda session: session.lift_and_push(push))
+    def _push(self, push: Push) -> None:
+        self._actions.push(lambda session: session.push(push))
 
     def _chosen_push(self) -> Push:
-        return horizontal_push(self.body, float(self._angle.value), self.impulse, self.duration)
+        return self._push_towards(float(self._angle.value))
+
+    def _push_towards(self, angle_deg: float) -> Push:
+        body = self._bodies[self._body.value]
+        return horizontal_push(body, angle_deg, float(self._impulse.value), float(self._duration.value))
 
     def _add_policy(self) -> None:
-        page, gui = self._page, self._gui
-        self._policies = policies = gui.add_dropdown("Policy", self._offered(), initial_value=page.source.name)
+        actions, gui = self._actions, self._gui
+        self._policies = policies = gui.add_dropdown("Policy", self._offered(), initial_value=actions.source.name)
         other = gui.add_text("File or run", "", hint="a policy file or a run folder, then Enter", visible=False)
 
         @policies.on_update
-        def _(_: viser.GuiEvent) -> None:
+        def _(_: viser.GuiEvent[Any]) -> None:
             other.visible = policies.value == _OTHER
             if policies.value != _OTHER:
-                page.set_source(policies.value)
+                actions.set_source(policies.value)
 
         @other.on_update
-        def _(_: viser.GuiEvent) -> None:
+        def _(_: viser.GuiEvent[Any]) -> None:
             if other.value.strip():
-                page.set_source(other.value.strip())
+                actions.set_source(other.value.strip())
 
-        crowd = gui.add_dropdown("Robots", CROWDS, initial_value=str(page.player.session.num_robots))
-        crowd.on_update(lambda _: page.set_num_robots(int(crowd.value)))
+        crowd = gui.add_dropdown("Robots", CROWDS, initial_value=str(actions.player.session.num_robots))
+        crowd.on_update(lambda _: actions.set_num_robots(int(crowd.value)))
+
+    def _add_conditions(self) -> None:
+        player, gui = self._actions.player, self._gui
         noise = gui.add_slider("Noise [%]", min=0, max=100, step=10, initial_value=0, hint="of the paper's noise")
         friction = gui.add_slider("Friction", min=0.1, max=1.5, step=0.05, initial_value=FRICTION)
         stands_up = gui.add_checkbox("Stand up again", initial_value=True, hint="after a fall, by itself")
 
         @noise.on_update
-        def _(_: viser.GuiEvent) -> None:
-            page.player.do(lambda session: session.set_noise(float(noise.value) / 100.0))
+        def _(_: viser.GuiEvent[Any]) -> None:
+            player.do(lambda session: session.set_noise(float(noise.value) / 100.0))
 
         @friction.on_update
-        def _(_: viser.GuiEvent) -> None:
-            page.player.do(lambda session: session.set_friction(float(friction.value)))
+        def _(_: viser.GuiEvent[Any]) -> None:
+            player.do(lambda session: session.set_friction(float(friction.value)))
 
         @stands_up.on_update
-        def _(_: viser.GuiEvent) -> None:
-            page.player.do(lambda session: setattr(session, "stands_up", bool(stands_up.value)))
-
-    def refresh_policies(self) -> None:
-        """Offer run folders that are new."""
-        if self._policies.options != self._offered():
-            self._policies.options = self._offered()
+        def _(_: viser.GuiEvent[Any]) -> None:
+            player.do(lambda session: setattr(session, "stands_up", bool(stands_up.value)))
 
     def _offered(self) -> tuple[str, ...]:
-        return (*offered_policies(self._runs, self._page.source.name), _OTHER)
+        return (*offered_policies(self._runs, self._actions.source.name), _OTHER)
 
     def _add_time(self) -> None:
-        page, gui = self._page, self._gui
+        actions, gui = self._actions, self._gui
         buttons = gui.add_button_group("", ("Pause", "Step", "Reset"))
 
         @buttons.on_click
-        def _(event: viser.GuiEvent) -> None:
-            {"Pause": self._pause, "Step": page.player.single_step, "Reset": self._reset}[event.target.value]()
+        def _(event: viser.GuiEvent[Any]) -> None:
+            deeds = {"Pause": self._pause, "Step": actions.player.single_step, "Reset": actions.reset}
+            deeds[event.target.value]()
 
         speed = gui.add_slider("Speed", min=0.05, max=1.0, step=0.05, initial_value=1.0, hint="1 is real time")
 
         @speed.on_update
-        def _(_: viser.GuiEvent) -> None:
-            page.player.speed = float(speed.value)
+        def _(_: viser.GuiEvent[Any]) -> None:
+            actions.player.speed = float(speed.value)
 
         clip = gui.add_button(f"Save the last {SECONDS:.0f} s as MP4", icon=viser.Icon.MOVIE)
 
         @clip.on_click
-        def _(event: viser.GuiEvent) -> None:
+        def _(event: viser.GuiEvent[Any]) -> None:
             if event.client:
-                threading.Thread(target=self._send_clip, args=(event.client,), daemon=True).start()
+                threading.Thread(target=actions.send_clip, args=(event.client,), daemon=True).start()
 
     def _pause(self) -> None:
-        self._page.player.paused = not self._page.player.paused
-
-    def _reset(self) -> None:
-        page = self._page
-        page.history.clear()
-        page.player.do(lambda session: session.reset())
-
-    def _send_clip(self, client: viser.ClientHandle) -> None:
-        page = self._page
-        note = client.add_notification("clip", "drawing the film", loading=True)
-        try:
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / "surefoot.mp4"
-                save_clip(path, page.player.session.robot, page.clip.shots())
-                client.send_file_download("surefoot.mp4", path.read_bytes())
-            note.remove()
-        except UserError as error:
-            note.remove()
-            client.add_notification("clip", str(error), color="red")
+        self._actions.player.paused = not self._actions.player.paused
 
     def _add_view(self) -> None:
-        page, gui = self._page, self._gui
-        self._follow = gui.add_checkbox("Follow", initial_value=page.follow)
-        self._see_through = gui.add_checkbox("See through", initial_value=page.see_through)
+        actions, gui = self._actions, self._gui
+        self._follow = gui.add_checkbox("Follow", initial_value=actions.follow)
+        self._see_through = gui.add_checkbox("See through", initial_value=False)
         overlays = gui.add_checkbox("Marks", initial_value=True)
 
         @self._follow.on_update
-        def _(_: viser.GuiEvent) -> None:
-            page.follow = bool(self._follow.value)
+        def _(_: viser.GuiEvent[Any]) -> None:
+            actions.follow = bool(self._follow.value)
 
-        @self._see_through.on_update
-        def _(_: viser.GuiEvent) -> None:
-            page.set_see_through(bool(self._see_through.value))
-
-        @overlays.on_update
-        def _(_: viser.GuiEvent) -> None:
-            page.set_overlays(bool(overlays.value))
+        self._see_through.on_update(lambda _: actions.set_see_through(bool(self._see_through.value)))
+        overlays.on_update(lambda _: actions.set_overlays(bool(overlays.value)))
 
     def _add_keys(self) -> None:
-        page, gui = self._page, self._gui
-        self._push_by(gui.add_command("Push away from the viewer", hotkey="arrowup"), 0, 1)
-        self._push_by(gui.add_command("Push towards the viewer", hotkey="arrowdown"), 0, -1)
-        self._push_by(gui.add_command("Push to the left on the screen", hotkey="arrowleft"), -1, 0)
-        self._push_by(gui.add_command("Push to the right on the screen", hotkey="arrowright"), 1, 0)
+        actions, gui = self._actions, self._gui
+        for key, (words, right, away) in _ARROWS.items():
+            self._push_by(gui.add_command(words, hotkey=key), right, away)  # type: ignore[arg-type] # a literal's key
         gui.add_command("Pause or go on", hotkey="space").on_trigger(lambda _: self._pause())
-        gui.add_command("One step", hotkey="N").on_trigger(lambda _: page.player.single_step())
-        gui.add_command("Reset", hotkey="R").on_trigger(lambda _: self._reset())
+        gui.add_command("One step", hotkey="N").on_trigger(lambda _: actions.player.single_step())
+        gui.add_command("Reset", hotkey="R").on_trigger(lambda _: actions.reset())
         gui.add_command("Camera follows", hotkey="F").on_trigger(lambda _: _toggle(self._follow))
         gui.add_command("See through", hotkey="X").on_trigger(lambda _: _toggle(self._see_through))
 
@@ -218,7 +233,20 @@ class Controls:
         @command.on_trigger
         def _(event: viser.CommandEvent) -> None:
             if event.client:
-                self._page.push_from_screen(event.client, right, away, self)
+                push = self._push_towards(angle_on_screen(event.client, right, away))
+                self._actions.push(lambda session: session.push(push) if not session.is_pushed() else None)
+
+
+def angle_on_screen(client: viser.ClientHandle, right: float, away: float) -> float:
+    """The direction in the world, counter-clockwise from +x in steps of 15 [deg], of one on a browser's screen.
+
+    Args:
+        client: whose screen it is.
+        right, away: to the right and away from the viewer, a unit vector.
+    """
+    view = np.asarray(client.camera.look_at) - np.asarray(client.camera.position)
+    angle = np.degrees(np.arctan2(view[1], view[0])) + np.degrees(np.arctan2(-right, away))
+    return 15.0 * round(float(angle) / 15.0)
 
 
 def _toggle(box: viser.GuiCheckboxHandle) -> None:

@@ -2,43 +2,37 @@
 
 from __future__ import annotations
 
-import contextlib
-import socket
+import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-import rich
 import viser
 
 from surefoot.errors import UserError
-from surefoot.physics.pushes import horizontal_push
+from surefoot.rendering.framing import REFERENCE_HEIGHT, scale_of
 from surefoot.viewer.browser_scene import BrowserScene
-from surefoot.viewer.clip import ClipRecorder
+from surefoot.viewer.clip import ClipRecorder, save_clip
 from surefoot.viewer.controls import Controls
-from surefoot.viewer.live import History, LivePanel
+from surefoot.viewer.history import History
+from surefoot.viewer.live_panel import LivePanel
+from surefoot.viewer.markup import render
 from surefoot.viewer.player import Player
+from surefoot.viewer.server import add_key_light, camera_place, check_port, start_server, stop_server
 from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource
 
 PORT = 8080
-HAND_STIFFNESS = 500.0
-"""The hand that drags a body is a spring [N/m]."""
-HAND_FORCE = 800.0
-"""Its largest force [N]."""
-_FIELD_OF_VIEW = 38.0
-_HORIZON, _ZENITH = (206, 214, 224), (138, 152, 171)
+_HAND_STIFFNESS = 0.66
+"""The hand that drags a body is a spring: its force in robot weights when it is stretched by the robot's height."""
+_HAND_FORCE = 0.6
+"""Its largest force in robot weights."""
 _HINT = "Drag me with the mouse, or press an arrow key"
 _HINT_CROWD = "Press an arrow key: all get the same push. Click one to watch it"
 _PANEL_HZ = 8.0
 _POLL_S = 1.0
-# viser turns the camera by the arrow keys too: they stop here, below the document at which it listens.
-_PAGE_SCRIPT = """<img alt="" style="display:none" src="data:," onerror="
-document.title='surefoot';
-if(!window.surefoot){window.surefoot=true;
-document.documentElement.addEventListener('keydown',e=>{if(e.key.startsWith('Arrow'))e.stopPropagation()});}">"""
 
 
 class Page:
@@ -47,7 +41,8 @@ class Page:
     Args:
         source: the policy to begin with.
         num_robots: 1 to 64.
-        host, port: where it listens.
+        host: name or address at which it listens.
+        port: at which it listens; 0 for any that is free.
         runs: folder whose run folders are offered.
 
     Raises:
@@ -70,13 +65,14 @@ class Page:
         self.see_through = False
         self.history = History()
         self.clip = ClipRecorder()
+        self._scale = scale_of(session.robot)
         self._is_pushed = False
         self._last_panel = self._last_poll = 0.0
-        with _quiet():
-            self.server = viser.ViserServer(host=host, port=port, label="surefoot", verbose=False)
+        self.server = start_server(host, port)
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = camera_place(num_robots, self._scale)
         self.player = Player(session, self._show, lambda: bool(self.server.get_clients()), self._remember)
-        self._light()
-        self.stage = self._build_stage(session)
+        self.scene = self._build_scene(session)
         self._build_panels(runs)
         self.player.start()
 
@@ -89,8 +85,7 @@ class Page:
     def close(self) -> None:
         """Stop the robots, then the server."""
         self.player.stop()
-        with _quiet():
-            self.server.stop()
+        stop_server(self.server)
 
     # What the panel and the keys ask for.
 
@@ -105,12 +100,12 @@ class Page:
                 session.set_friction(old.friction)
             self.watched = 0
             self.history.clear()
-            self.stage.remove()
+            self.scene.remove()
             self.player.session = session
-            self.stage = self._build_stage(session)
+            self.scene = self._build_scene(session)
             self.follow = num_robots == 1
             for client in self.server.get_clients().values():
-                client.camera.position, client.camera.look_at = camera_place(num_robots)
+                client.camera.position, client.camera.look_at = camera_place(num_robots, self._scale)
 
         self.player.do(rebuild)
 
@@ -119,8 +114,8 @@ class Page:
         self.see_through = see_through
 
         def rebuild(session: Session) -> None:
-            self.stage.remove()
-            self.stage = self._build_stage(session)
+            self.scene.remove()
+            self.scene = self._build_scene(session)
 
         self.player.do(rebuild)
 
@@ -137,15 +132,7 @@ class Page:
 
     def set_overlays(self, visible: bool) -> None:
         """Show forces and points, or not."""
-        self.player.do(lambda session: setattr(self.stage, "overlays", visible))
-
-    def push_from_screen(self, client: viser.ClientHandle, right: float, away: float, controls: Controls) -> None:
-        """Push as seen on a browser's screen: `right` and `away` from the viewer, a unit vector."""
-        view = np.asarray(client.camera.look_at) - np.asarray(client.camera.position)
-        angle = np.degrees(np.arctan2(view[1], view[0])) + np.degrees(np.arctan2(-right, away))
-        angle = 15.0 * round(angle / 15.0)
-        push = horizontal_push(controls.body, angle, controls.impulse, controls.duration)
-        self.push(lambda session: session.push(push) if not session.is_pushed() else None)
+        self.player.do(lambda session: setattr(self.scene, "overlays", visible))
 
     def push(self, action: Callable[[Session], object]) -> None:
         """Do something that disturbs the robots; the hint has done its work then."""
@@ -156,15 +143,33 @@ class Page:
 
         self.player.do(disturb)
 
+    def reset(self) -> None:
+        """Put all robots back to their places."""
+        self.history.clear()
+        self.player.do(lambda session: session.reset())
+
+    def send_clip(self, client: viser.ClientHandle) -> None:
+        """Give a browser the last seconds as a film."""
+        note = client.add_notification("clip", "drawing the film", loading=True)
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "surefoot.mp4"
+                save_clip(path, self.player.session.robot, self.clip.shots())
+                client.send_file_download("surefoot.mp4", path.read_bytes())
+            note.remove()
+        except UserError as error:
+            note.remove()
+            client.add_notification("clip", str(error), color="red")
+
     def tell(self, message: str, title: str = "surefoot", color: Literal["gray", "red"] = "gray") -> None:
-        """A notification in every browser."""
+        """Show a notification in every browser."""
         for client in self.server.get_clients().values():
             client.add_notification(title=title, body=message, auto_close_seconds=6.0, color=color)
 
     # What the player shows.
 
     def _show(self, session: Session, tick: int) -> None:
-        self.stage.draw(session, tick, self.watched, self.follow)
+        self.scene.draw(session, tick, self.watched, self.follow)
         now = time.monotonic()
         if now - self._last_panel > 1.0 / _PANEL_HZ:
             self._last_panel = now
@@ -198,104 +203,46 @@ class Page:
 
     # How the page is made.
 
-    def _build_stage(self, session: Session) -> BrowserScene:
+    def _build_scene(self, session: Session) -> BrowserScene:
         with self.server.atomic():
-            stage = BrowserScene(self.server, session.robot, session.num_robots, self.see_through)
-            self._add_key_light(session.num_robots)
-            self._hint = stage.add_hint("" if self._is_pushed else _HINT_CROWD if session.num_robots > 1 else _HINT)
-        for body, handle in stage.bodies.items():
+            scene = BrowserScene(self.server, session.robot, session.num_robots, self.see_through)
+            add_key_light(self.server, session.num_robots, self._scale)
+            self._hint = scene.add_hint("" if self._is_pushed else _HINT_CROWD if session.num_robots > 1 else _HINT)
+        for body, handle in scene.bodies.items():
             self._listen(body, handle)
-        return stage
+        return scene
 
     def _listen(self, body: int, handle: viser.BatchedGlbHandle) -> None:
         @handle.on_drag
-        async def _(event: viser.SceneNodeDragEvent) -> None:
+        async def _(event: viser.SceneNodeDragEvent[Any]) -> None:
             robot = event.instance_index or 0
-            stretch = np.subtract(event.end_position, event.start_position)
-            force = HAND_STIFFNESS * stretch
-            force *= min(1.0, HAND_FORCE / max(float(np.linalg.norm(force)), 1e-9))
+            force = self._hand_force(np.subtract(event.end_position, event.start_position))
             if event.phase == "end":
                 self.player.do(lambda session: session.release(robot))
             else:
                 self.push(lambda session: session.pull(robot, body, force))
 
         @handle.on_click
-        async def _(event: viser.SceneNodePointerEvent) -> None:
+        async def _(event: viser.SceneNodePointerEvent[Any]) -> None:
             robot = event.instance_index or 0
             if robot != self.watched:
                 self.watched = robot
                 self.history.clear()
 
-    def _light(self) -> None:
-        scene = self.server.scene
-        scene.set_up_direction("+z")
-        scene.set_background_image(_sky(), format="png")
-        scene.configure_environment_map("studio", environment_intensity=0.3)
-        scene.configure_default_lights(enabled=False)
-        scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 160, 175), intensity=0.7)
-        camera = self.server.initial_camera
-        camera.fov = float(np.radians(_FIELD_OF_VIEW))
-        camera.position, camera.look_at = camera_place(self.player.session.num_robots)
-
-    def _add_key_light(self, num_robots: int) -> None:
-        """A soft spot from the front left, far enough to cover all robots; it casts the shadows."""
-        away = 1.0 + 0.5 * (np.ceil(np.sqrt(num_robots)) - 1.0)
-        self.server.scene.add_light_spot(
-            "/light/key",
-            position=(3.5 * away, 3.0 * away, 7.0 * away),
-            direction=(-0.42, -0.36, -0.83),
-            intensity=75.0 * away**2,
-            angle=0.5,
-            penumbra=1.0,
-            cast_shadow=True,
-        )
+    def _hand_force(self, stretch: np.ndarray) -> np.ndarray:
+        """The force (3,) [N] of a hand that is away (3,) [m] from where it took hold."""
+        share = _HAND_STIFFNESS / (REFERENCE_HEIGHT * self._scale) * stretch
+        share *= min(1.0, _HAND_FORCE / max(float(np.linalg.norm(share)), 1e-9))
+        return np.asarray(self.player.session.robot.weight * share)
 
     def _build_panels(self, runs: Path) -> None:
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(226, 88, 24), control_width="medium")
-        gui.add_html(_PAGE_SCRIPT)
-        self.controls = Controls(self, runs)
+        gui.add_html(render("page_script"))
+        self.controls = Controls(gui, self, runs)
         gui.main_panel.dock_right()
         panel = gui.add_panel()
         with panel.add_tab("Live", viser.Icon.ACTIVITY):
-            self.live = LivePanel(self.server)
+            self.live = LivePanel(self.server, self.player.session.robot)
         panel.dock_left()
         panel.set_width(340)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """viser greets and says goodbye through rich's own console, which nobody else uses."""
-    console = rich.get_console()
-    before, console.quiet = console.quiet, True
-    try:
-        yield
-    finally:
-        console.quiet = before
-
-
-def _sky(height: int = 256) -> np.ndarray:
-    """A background that is bright at the horizon, in the middle, and darker above: uint8 (height, 16, 3)."""
-    above = np.clip(1.0 - 2.0 * np.arange(height) / height, 0.0, 1.0)[:, None]
-    color = (1.0 - above) * np.array(_HORIZON) + above * np.array(_ZENITH)
-    return np.repeat(np.rint(color).astype(np.uint8)[:, None], 16, axis=1)
-
-
-def check_port(host: str, port: int) -> None:
-    """Raises UserError: nobody can listen there."""
-    try:
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((host, port))
-    except (OSError, OverflowError) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
-        raise UserError(
-            f"cannot listen on {host}:{port}: {reason}; valid: a free --port, such as {port + 1}"
-        ) from error
-
-
-def camera_place(num_robots: int) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Position of the camera, and what it looks at [m]: all of one robot, or the middle of a crowd."""
-    side = float(np.ceil(np.sqrt(num_robots))) - 1.0
-    away = 1.0 + 0.8 * side
-    return (3.6 * away, 2.5 * away, 1.45 + 1.1 * side), (0.0, 0.0, 0.93)

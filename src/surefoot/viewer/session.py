@@ -8,6 +8,7 @@ import numpy as np
 
 from surefoot.agents.agent import Policy
 from surefoot.errors import UserError
+from surefoot.evaluation.scenarios import NOISE
 from surefoot.evaluation.strategies import StrategyWatch
 from surefoot.evaluation.trials import JOINT_NOISE
 from surefoot.physics.pushes import NEVER, Push, Pushes
@@ -19,12 +20,12 @@ from surefoot.task.imperfections import Imperfections
 from surefoot.viewer.verdict import State, Verdicts
 
 MAX_ROBOTS = 64
-LIFT = Push("root", (0.0, 0.0, 1.0), impulse=500.0)
-"""The paper lifts the robot by 500 Ns, then pushes it in the air (section V)."""
+LIFT_PER_MASS = 3.642
+"""The paper lifts its robot by 500 Ns, then pushes it in the air (section V): so much per mass [Ns/kg]."""
 AIRBORNE_S = 0.2
 """From the end of the lift to the push [s]: the robot is in the air then."""
-PAPER_NOISE = Imperfections(observation_noise=0.5, action_noise=0.1)
-"""Section V-D of the paper: on the observation at 500 Hz before its filter, and on the joint targets [rad]."""
+PAPER_NOISE = NOISE["noise_both"].imperfections
+"""What the panel's 100 % of noise is."""
 DOWN_S = 2.0
 """A fallen robot that stands up again by itself does so after that time [s]."""
 FRICTION = 1.0
@@ -99,8 +100,9 @@ class Session:
         """Push robots `ids` (all without it) `push.start` seconds from now, instead of what pushes them then."""
         self._schedule(PUSH, self.everyone if ids is None else ids, push)
 
-    def lift_and_push(self, push: Push, lift: Push = LIFT) -> None:
+    def lift_and_push(self, push: Push) -> None:
         """Lift all robots off the ground, and push them while they are in the air."""
+        lift = Push("root", (0.0, 0.0, 1.0), impulse=float(round(LIFT_PER_MASS * self.robot.mass)))
         self._schedule(HAND, self.everyone, lift)
         after = lift.start + lift.duration + AIRBORNE_S
         self.push(dataclasses.replace(push, start=after))
