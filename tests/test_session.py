@@ -104,7 +104,7 @@ def test_a_push_in_the_future_begins_at_its_tick(session):
 
 
 def test_an_unknown_body_is_refused_when_asked_for(session):
-    with pytest.raises(UserError, match="unknown body 'nose' of valkyrie; valid: .*pelvis, torso"):
+    with pytest.raises(UserError, match=r"unknown body 'nose' of valkyrie; valid: .*pelvis, torso"):
         session.push(Push("nose", impulse=10.0))
 
 

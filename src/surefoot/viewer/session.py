@@ -8,8 +8,8 @@ import numpy as np
 
 from surefoot.agents.agent import Policy
 from surefoot.errors import UserError
-from surefoot.evaluation.scenarios import NOISE
 from surefoot.evaluation.strategies import StrategyWatch
+from surefoot.evaluation.suites import NOISE
 from surefoot.evaluation.trials import JOINT_NOISE
 from surefoot.physics.pushes import NEVER, Push, Pushes
 from surefoot.physics.step_record import StepRecord
