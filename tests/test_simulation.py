@@ -5,7 +5,8 @@ import pytest
 from conftest import PUSH, everyone, hold, plain_steps, stand, step_to
 
 from surefoot.physics.mujoco_engine import MujocoEngine
-from surefoot.physics.step_record import StepRecord, sole_corners
+from surefoot.physics.rotations import sole_corners
+from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, POLICY_DT, TICKS_PER_STEP
 from surefoot.robots import Robot
 from surefoot.robots.domain import DomainParameters

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from surefoot.physics import balance
 from surefoot.physics.mujoco_engine import MujocoEngine
-from surefoot.physics.step_record import StepRecord, roll_pitch, sole_corners, uprightness
+from surefoot.physics.rotations import roll_pitch, sole_corners, uprightness
+from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT
 from surefoot.robots import Robot
 

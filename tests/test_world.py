@@ -7,7 +7,8 @@ import pytest
 from conftest import hold, step_to
 
 from surefoot.physics.mujoco_engine import MujocoEngine
-from surefoot.physics.step_record import StepRecord, sole_corners
+from surefoot.physics.rotations import sole_corners
+from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, TICKS_PER_STEP
 from surefoot.robots import Robot
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters

@@ -28,7 +28,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.evaluation.protocol import PROTOCOL
-from surefoot.physics.step_record import StepRecord, horizontal, uprightness
+from surefoot.physics.rotations import horizontal, uprightness
+from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, POLICY_DT, POLICY_HZ
 from surefoot.robots import Robot
 

@@ -9,7 +9,8 @@ def capture_point(com: np.ndarray, com_velocity: np.ndarray, com_height: np.ndar
     """Where to step to come to rest, x + v * sqrt(z / g): equation (5) of Yang et al. 2018, after Pratt 2006.
 
     Args:
-        com, com_velocity: horizontal position [m] and velocity [m/s], (..., 2).
+        com: horizontal position (..., 2) [m].
+        com_velocity: horizontal velocity (..., 2) [m/s].
         com_height: above the ground [m], (...).
         gravity: [m/s^2].
 

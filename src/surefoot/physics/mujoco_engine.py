@@ -13,7 +13,8 @@ from mujoco.batch import Batch
 
 from surefoot.physics.engine import WHOLE_STEP
 from surefoot.physics.mujoco_sensors import add_sensors
-from surefoot.physics.step_record import StepRecord, sole_corners
+from surefoot.physics.rotations import sole_corners
+from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import Robot
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
@@ -86,10 +87,12 @@ class MujocoEngine:
         """Stand robots `ids` (n,) at rest, lowest sole corner `height` [m] above the floor.
 
         Args:
+            ids: (n,).
             joint_position: (n, num_joints) [rad].
             yaw: heading [rad], scalar or (n,).
             height: of the lowest corner of the soles [m], scalar or (n,).
-            roll, pitch: of the root [rad], scalar or (n,); upright without them.
+            roll: of the root [rad], scalar or (n,).
+            pitch: of the root [rad], scalar or (n,).
 
         Returns:
             One tick of each: the state they start from.

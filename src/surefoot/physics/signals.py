@@ -42,6 +42,7 @@ class LowPass:
 
         Args:
             signals: the block in parts, (n, block, size) each, `num_signals` in all.
+            ids: the robots (n,).
 
         Returns:
             The block's last output (n, num_signals).

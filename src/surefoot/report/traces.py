@@ -14,7 +14,8 @@ from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
 from surefoot.evaluation.trials import Trial, TrialSource, draws, run_trials
-from surefoot.physics.step_record import StepRecord, roll_pitch
+from surefoot.physics.rotations import roll_pitch
+from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
 from surefoot.rendering.moment import Moment
 from surefoot.rendering.recording import Recording

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.physics.pushes import PUSH_DURATION, Pushes
-from surefoot.physics.step_record import horizontal
+from surefoot.physics.rotations import horizontal
 from surefoot.rates import CONTROL_DT, TICKS_PER_STEP
 from surefoot.task.fall_rates import NUM_SECTORS, FallRates, to_sector
 

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from surefoot.physics.step_record import StepRecord, horizontal
+from surefoot.physics.rotations import horizontal
+from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ
 
 NO_FOOT_CONTACT = -2.0

@@ -12,8 +12,9 @@ from types import FrameType
 import numpy as np
 
 from surefoot.agents.controllers.controller import Command, ControllerAgent, State
+from surefoot.physics.rotations import roll_pitch
 from surefoot.physics.signals import Delay, LowPass
-from surefoot.physics.step_record import StepRecord, roll_pitch
+from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import Robot
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
