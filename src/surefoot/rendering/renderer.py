@@ -13,6 +13,7 @@ from surefoot.physics.pushes import Push
 from surefoot.rendering.framing import scale_of, visible_geoms
 from surefoot.rendering.moment import Moment
 from surefoot.rendering.opengl import gl_backend
+from surefoot.rendering.scenery import drawn_model
 from surefoot.robots import Robot
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.robots.model import FLOOR
@@ -68,7 +69,7 @@ class Renderer:
         self.robot = robot
         self._scale = scale_of(robot)
         self._force_length = self._scale * _FORCE_LENGTH / robot.weight  # [m/N]
-        self._model = robot.model(domain, visual=True)
+        self._model = drawn_model(robot, domain)
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._data = mujoco.MjData(self._model)

@@ -13,6 +13,7 @@ from PIL import Image
 from trimesh import visual
 
 from surefoot.rendering.framing import scale_of, visible_geoms
+from surefoot.rendering.scenery import drawn_model
 from surefoot.robots import Robot
 
 # trimesh has no types for looks.
@@ -36,7 +37,7 @@ def body_glbs(robot: Robot, *, coarse: bool = False, opacity: float = 1.0) -> di
         coarse: fewer triangles, for a crowd.
         opacity: 1 hides what is inside.
     """
-    model = robot.model(visual=True)
+    model = drawn_model(robot)
     geoms = visible_geoms(model)
     palette = _Palette.of(model, geoms)
     material = palette.material(opacity)
