@@ -17,7 +17,7 @@ from surefoot.agents.controllers.loop import ControllerLoop
 from surefoot.agents.controllers.step_times import StepTimes, Timing
 from surefoot.errors import UserError
 from surefoot.evaluation.replay import differences, find_policy, replay
-from surefoot.evaluation.results import Results
+from surefoot.evaluation.results import Results, key_of
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.physics.pushes import Drop
 from surefoot.physics.step_record import StepRecord
@@ -332,7 +332,7 @@ def test_a_controllers_trial_is_replayed_bit_for_bit_alone(tmp_path: Path) -> No
             store.put(trial, outcomes[trial], "test")
         for row_id in (1, 2):
             row = results.row(row_id)
-            again = replay(row, find_policy(row.policy_name, row.policy))
+            again = replay(row, find_policy(row.policy_name, row.key.agent))
             assert differences(row.outcome, again) == []
 
 
@@ -340,10 +340,9 @@ def test_times_per_control_step_are_kept_shown_and_given_to_machines(tmp_path: P
     timing = Timing(250, 1000, 3, 8.4e-05, 0.0021, 2760, 12, 0.0009, 0.0044, "2 x not finite")
     entrant = load_controller("controllers/stand")
     with Results(tmp_path / "r.sqlite") as results:
-        assert results.timing((entrant.digest, "")) is None
+        assert results.timing(key_of(entrant)) is None
         results.add_timing(entrant, timing)
-        (key,) = results.query("SELECT policy, setup FROM controllers")
-        assert results.timing((key["policy"], key["setup"])) == timing
+        assert results.timing(key_of(entrant)) == timing
     (row,) = timing_table({"mine": timing}).rows
     assert list(row) == ["mine", "250", "84", "2100", "3 of 1000", "900", "4400", "12 of 2760", "2 x not finite"]
     documented = (ROOT / "docs" / "figures.md").read_text()

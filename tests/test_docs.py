@@ -13,7 +13,7 @@ from surefoot.cli.benchmarks import run_bench
 from surefoot.cli.main import main
 from surefoot.cli.shown_trial import DIRECTIONS
 from surefoot.evaluation.evaluate import push_lines
-from surefoot.evaluation.results import read_thresholds
+from surefoot.evaluation.results_export import read_thresholds
 from surefoot.evaluation.suites import PAPER
 from surefoot.learning.ablations import LEFT_OUT, ablation_table
 from surefoot.learning.curve import read_curve

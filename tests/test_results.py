@@ -19,7 +19,8 @@ from conftest import an_outcome
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import find_thresholds
-from surefoot.evaluation.results import Results, read_thresholds
+from surefoot.evaluation.results import Results
+from surefoot.evaluation.results_export import read_thresholds
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.suites import PAPER, ROBUSTNESS
 from surefoot.evaluation.threshold_search import Threshold
@@ -100,7 +101,7 @@ def test_a_row_is_enough_to_run_its_trial_again(tmp_path: Path) -> None:
         store.put(TRIAL, OUTCOME)
         store.put(trial, outcome, "torso_push")
         row = results.row(2)
-        assert (row.policy_name, row.policy, row.scenario) == (policy.name, policy.digest, "torso_push")
+        assert (row.policy_name, row.key.agent, row.scenario) == (policy.name, policy.digest, "torso_push")
         assert repr(run_list(policy, [row.trial], num_slots=1)[row.trial]) == repr(row.outcome) == repr(outcome)
         for missing in (0, 3, -1):
             with pytest.raises(UserError, match=rf"r\.sqlite has no row {missing}; valid: 1 to 2"):
@@ -278,7 +279,7 @@ def test_a_table_of_another_version_is_refused_and_kept(tmp_path: Path, version:
         db.execute(f"PRAGMA user_version = {version}")
     db.close()
     content = path.read_bytes()
-    with pytest.raises(UserError, match=rf"is a results table of version {version}, not 2; give another file"):
+    with pytest.raises(UserError, match=rf"is a results table of version {version}, not 3; give another file"):
         Results(path)
     assert path.read_bytes() == content
 

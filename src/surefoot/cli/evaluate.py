@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,7 +41,8 @@ class Evaluate:
     """Write all thresholds of the results table to this .csv or .parquet file."""
 
     def main(self) -> None:
-        from surefoot.evaluation.results import Results, check_export
+        from surefoot.evaluation.results import Results
+        from surefoot.evaluation.results_export import check_export
 
         if self.directions < 4 or self.directions % 4:
             raise UserError(f"directions must be a multiple of 4, not {self.directions}")
@@ -65,8 +65,8 @@ def evaluate_policy(
     """Run, print and keep some scenarios of one policy; returns its flat figures."""
     from surefoot.agents.controllers import load_agent
     from surefoot.agents.controllers.controller import ControllerAgent
-    from surefoot.evaluation.evaluate import run_scenarios
-    from surefoot.evaluation.results import Results, setup_digest
+    from surefoot.evaluation.evaluate import evaluate_and_store
+    from surefoot.evaluation.results import Results, key_of
     from surefoot.report import metrics as figures
     from surefoot.report import tables
     from surefoot.report import targets as goals
@@ -75,24 +75,19 @@ def evaluate_policy(
 
     policy = load_agent(name)
     robot, pose = load_robot(policy.contract.robot), np.array(policy.contract.nominal_pose)
-    began = time.monotonic()
     with Results(path) as results:
-        store = results.trials_of(policy)
         with evaluation_bar(sum(len(scenario.lines()) for scenario in scenarios)) as show:
-            thresholds = run_scenarios(policy, scenarios, store, show)
-        wall_s = time.monotonic() - began
-        results.add_thresholds(policy, thresholds)
-        results.add_scenarios(policy, scenarios, wall_s)
+            done = evaluate_and_store(policy, scenarios, results, show)
         if isinstance(policy, ControllerAgent) and policy.times.num_steps:
             results.add_timing(policy, measure(policy))
-        timing = results.timing((policy.digest, setup_digest(robot.name)))
+        timing = results.timing(key_of(policy))
         if export:
             results.export("thresholds", export)
         fixed = results.fixed_outcomes(policy.name)
-        found = figures.flat_metrics(thresholds, fixed, results.audit(policy), robot, pose, wall_s)
-    steps = tables.median_steps(thresholds, store)
+        found = figures.flat_metrics(done.thresholds, fixed, results.audit(policy), robot, pose, done.wall_s)
+    steps = tables.median_steps(done.thresholds, done.store)
     lines = goals.targets_table(policy.name, policy.contract.training.get("algorithm", ""), found)
-    for table in (*tables.all_tables(policy, thresholds, fixed, steps, robot), lines):
+    for table in (*tables.all_tables(policy, done.thresholds, fixed, steps, robot), lines):
         if table.rows:  # a scenario file may have none of the lines to beat
             output.print(table.rich())
     if timing:

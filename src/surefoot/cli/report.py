@@ -65,7 +65,7 @@ class Table:
     """As Markdown instead of a drawn table."""
 
     def main(self) -> None:
-        from surefoot.evaluation.results import read_thresholds
+        from surefoot.evaluation.results_export import read_thresholds
         from surefoot.report import tables
         from surefoot.robots import load_robot
 
@@ -97,7 +97,7 @@ class Pictures:
 
     def main(self) -> None:
         from surefoot.agents.load import load_policy
-        from surefoot.evaluation.results import read_thresholds
+        from surefoot.evaluation.results_export import read_thresholds
         from surefoot.learning.curve import read_curves
         from surefoot.report import plots, result_pictures
 

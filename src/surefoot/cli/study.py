@@ -8,16 +8,14 @@ after its last trial.
 from __future__ import annotations
 
 import shutil
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from surefoot.agents.agent import Policy
 from surefoot.agents.load import load_policy
 from surefoot.errors import UserError
-from surefoot.evaluation.evaluate import OnProgress, run_scenarios
-from surefoot.evaluation.results import Results, setup_digest
+from surefoot.evaluation.evaluate import OnProgress, evaluate_and_store
+from surefoot.evaluation.results import Results
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.suites import PAPER
 from surefoot.learning.config import TrainConfig, preset
@@ -86,8 +84,8 @@ class Run:
             return False
         policy = load_policy(self.folder)
         with Results(self.study.results) as results:
-            rows = results.query("SELECT scenario FROM scenarios WHERE policy = ? AND setup = ?", *_key(policy))
-        return {scenario.name for scenario in self.study.scenarios} <= {row["scenario"] for row in rows}
+            finished = results.finished_scenarios(policy)
+        return {scenario.name for scenario in self.study.scenarios} <= finished
 
 
 def train_run(run: Run, on_progress: Callable[[Progress], None] | None = None) -> None:
@@ -110,11 +108,8 @@ def evaluate_run(run: Run, on_progress: OnProgress | None = None) -> None:
     """Run all scenarios of the study that are not in the results table yet."""
     if run.is_evaluated:
         return
-    policy, began = load_policy(run.folder), time.monotonic()
     with Results(run.study.results) as results:
-        thresholds = run_scenarios(policy, run.study.scenarios, results.trials_of(policy), on_progress)
-        results.add_thresholds(policy, thresholds)
-        results.add_scenarios(policy, run.study.scenarios, time.monotonic() - began)
+        evaluate_and_store(load_policy(run.folder), run.study.scenarios, results, on_progress)
 
 
 def report_study(study: Study, on_progress: Callable[[str], None] = lambda words: None) -> Report:
@@ -146,7 +141,3 @@ def _clear(folder: Path) -> None:
     if strange:
         raise UserError(f"{folder} holds {strange[0]}, which no training wrote; give another --out")
     shutil.rmtree(folder)
-
-
-def _key(policy: Policy) -> tuple[str, str]:
-    return policy.digest, setup_digest(policy.contract.robot)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from surefoot.agents.agent import Policy
 from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.results import Results, TrialStore
 from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario
 from surefoot.evaluation.threshold_search import FixedTrials, Threshold, ThresholdSearch, TrialRequest
 from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
@@ -19,9 +22,13 @@ __all__ = ["DIRECTIONS", "Line", "Store", "Threshold", "find_thresholds", "push_
 class Store(Protocol):
     """Keeps outcomes, so that an interrupted evaluation repeats nothing."""
 
-    def get(self, trial: Trial) -> Outcome | None: ...
+    def get(self, trial: Trial) -> Outcome | None:
+        """The outcome of a trial, if it is known."""
+        ...
 
-    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None: ...
+    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None:
+        """Keep the outcome of a trial that was run for a scenario."""
+        ...
 
 
 OnProgress = Callable[[int, int, list[tuple[Line, float]]], None]
@@ -71,6 +78,36 @@ def find_thresholds(
     search = _Search(lines, store, on_progress)
     run_trials(policy, search, num_slots, num_threads, domain=lines[0].scenario.domain)
     return search.thresholds()
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """What an evaluation found.
+
+    Attributes:
+        thresholds: of all lines that were searched.
+        store: outcomes of the agent's trials.
+        wall_s: time that it took [s].
+    """
+
+    thresholds: list[Threshold]
+    store: TrialStore
+    wall_s: float
+
+
+def evaluate_and_store(
+    agent: Policy | ControllerAgent,
+    scenarios: Sequence[Scenario],
+    results: Results,
+    on_progress: OnProgress | None = None,
+) -> Evaluated:
+    """Run what the results table does not hold yet of these scenarios, and keep it there."""
+    began, store = time.monotonic(), results.trials_of(agent)
+    thresholds = run_scenarios(agent, scenarios, store, on_progress)
+    wall_s = time.monotonic() - began
+    results.add_thresholds(agent, thresholds)
+    results.add_scenarios(agent, scenarios, wall_s)
+    return Evaluated(thresholds, store, wall_s)
 
 
 def full_length_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:

@@ -19,7 +19,8 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import SUFFIX
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.results import Row, setup_digest
+from surefoot.evaluation.results import Row
+from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.trials import run_list
 from surefoot.robots import load_robot
 
@@ -73,14 +74,19 @@ def _policy_files() -> Iterator[tuple[bytes, str]]:
         yield file.read_bytes(), str(file)
 
 
-def check_setup(setup: str, robot: str, what: str) -> None:
-    """Raises UserError: `what` was made under another setup than this version of surefoot has."""
-    now = setup_digest(robot)
-    if setup != now:
-        raise UserError(
-            f"{what} was run with another robot model, MuJoCo or protocol: its setup digest is {setup[:12]}, that of "
-            f"this installation is {now[:12]}"
-        )
+def check_setup(setup: Setup, what: str) -> None:
+    """Check that a result was made in the setup that this installation has.
+
+    Args:
+        setup: of the result.
+        what: it is, for the message.
+
+    Raises:
+        UserError: it was made in another one; the message says what differs.
+    """
+    found = setup.differences(Setup.now(setup.robot))
+    if found:
+        raise UserError(f"{what} cannot be run again as it was: {', '.join(found)}")
 
 
 def replay(row: Row, policy: Policy | ControllerAgent) -> Outcome:

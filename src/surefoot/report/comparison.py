@@ -150,10 +150,22 @@ def versions_table(evaluations: Sequence[Evaluation]) -> Table:
             ]
         )
         trials = sum(row["trials"] for row in e.audit)
-        digests = [e.key[0][:12], e.key[1][:12]]
-        rows.append([e.name, *digests, e.versions, learned or "not learned", f"{trials}", f"{e.wall_s / 60:.1f}"])
-    columns = ["policy", "digest", "setup", "versions", "learning", "trials", "evaluation [min]"]
-    note = "Setup: robot model, MuJoCo version and protocol, as one digest (SHA-256, first 12 digits)."
+        setup = e.key.setup
+        robot = f"{setup.robot} {setup.robot_fingerprint[:18]}"
+        rows.append(
+            [
+                e.name,
+                e.key.agent[:12],
+                f"{setup.protocol or 'older'}",
+                robot,
+                e.versions,
+                learned or "not learned",
+                f"{trials}",
+                f"{e.wall_s / 60:.1f}",
+            ]
+        )
+    columns = ["policy", "digest", "protocol", "robot", "versions", "learning", "trials", "evaluation [min]"]
+    note = "Digest: of the policy (SHA-256, first 12 digits). Robot: its name and a fingerprint of its physical facts."
     return Table("Versions and digests", columns, rows, note)
 
 

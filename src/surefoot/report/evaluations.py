@@ -12,7 +12,8 @@ from surefoot.agents.controllers.step_times import Timing
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import full_length_outcomes
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.results import Key, Results, TrialStore, open_results
+from surefoot.evaluation.results import Results, TrialStore, open_results
+from surefoot.evaluation.results_schema import Key
 from surefoot.evaluation.scenarios import Line
 from surefoot.evaluation.suites import PAPER, ROBUSTNESS, SINGLE
 from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold
@@ -53,7 +54,7 @@ class Evaluation:
         cells: of pushes at the root, by direction.
         cases: trials to draw, by what they show.
         audit: per scenario, how its trials ended and what share of the limits they used.
-        versions: of surefoot and MuJoCo, with which the trials were run.
+        versions: of surefoot and the engine, with which the trials were run.
         wall_s: time of the evaluation [s].
         timing: of a controller, None of a policy.
     """
@@ -103,23 +104,20 @@ def read_evaluations(files: Sequence[str | Path]) -> list[Evaluation]:
         with open_results(file) as results:
             for key, name, contract in results.evaluated():
                 if key in found:
-                    raise UserError(f"{name} (digest {key[0][:12]}) is in two of the results tables: {file} repeats it")
+                    raise UserError(
+                        f"{name} (digest {key.agent[:12]}) is in two of the results tables: {file} repeats it"
+                    )
                 found[key] = _evaluation(results, key, name, Contract.from_json(contract))
     if not found:
         raise UserError(f"no finished evaluation in {', '.join(map(str, files))}; run surefoot evaluate first")
     names = [e.name for e in found.values()]
-    return [e if names.count(e.name) == 1 else replace(e, name=f"{e.name} ({e.key[0][:6]})") for e in found.values()]
+    return [e if names.count(e.name) == 1 else replace(e, name=f"{e.name} ({e.key.agent[:6]})") for e in found.values()]
 
 
 def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Evaluation:
     thresholds = sorted(results.thresholds_of(name), key=lambda t: _place(t.line.scenario.name))
     fixed = dict(sorted(results.fixed_outcomes(name).items(), key=lambda item: _place(item[0])))
     store = results.outcomes(key)
-    versions = results.query("SELECT DISTINCT surefoot, mujoco FROM trials WHERE policy = ? AND setup = ?", *key)
-    (wall,) = results.query(
-        "SELECT sum(wall_s) AS seconds FROM (SELECT DISTINCT wall_s FROM scenarios WHERE policy = ? AND setup = ?)",
-        *key,
-    )
     return Evaluation(
         name=name,
         key=key,
@@ -129,22 +127,11 @@ def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Ev
         steps=tables.median_steps(thresholds, store),
         cells={t.line: _cells(t.line, store) for t in tables.root_pushes(thresholds).values()},
         cases=_cases(thresholds, fixed, store),
-        audit=sorted(results.query(_AUDIT, *key), key=lambda row: _place(row["scenario"])),
-        versions=", ".join(f"surefoot {row['surefoot']}, MuJoCo {row['mujoco']}" for row in versions),
-        wall_s=wall["seconds"],
+        audit=sorted(results.audit_rows(key), key=lambda row: _place(row["scenario"])),
+        versions=", ".join(f"surefoot {version}, {key.setup.engine}" for version in results.versions(key)),
+        wall_s=results.wall_s(key),
         timing=results.timing(key),
     )
-
-
-_AUDIT = """
-SELECT scenario, count(*) AS trials, sum(reason = 'recovered') AS recovered, sum(reason = 'fell') AS fell,
-    sum(reason = 'restless') AS restless, sum(reason = 'tilted') AS tilted, sum(reason = 'diverged') AS diverged,
-    sum(reason IN ('raised', 'not finite', 'wrong shape', 'too late')) AS controller,
-    max(torque_ratio) AS torque, max(speed_ratio) AS speed,
-    max(CASE reason WHEN 'recovered' THEN torque_ratio END) AS torque_recovered,
-    max(CASE reason WHEN 'recovered' THEN speed_ratio END) AS speed_recovered
-FROM trials WHERE policy = ? AND setup = ? GROUP BY scenario ORDER BY min(id)
-"""
 
 
 _ORDER = [scenario.name for scenario in (*PAPER, *ROBUSTNESS)]

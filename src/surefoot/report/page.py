@@ -175,7 +175,7 @@ def _with_section(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def _policy_of(e: Evaluation, policies: Sequence[str | Path]):
-    check_setup(e.key[1], e.contract.robot, e.name)
+    check_setup(e.key.setup, e.name)
     for given in policies:
         try:
             return find_policy(e.name, e.key[0], given)

@@ -1,0 +1,107 @@
+"""Results as files for other programs: .csv and .parquet, and the thresholds of a .csv read back."""
+
+from __future__ import annotations
+
+import csv
+import sqlite3
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from surefoot.errors import UserError
+from surefoot.evaluation.results_schema import Key, as_dicts, latest, threshold_of
+from surefoot.evaluation.results_schema2 import threshold_row
+from surefoot.evaluation.threshold_search import Threshold
+
+EXPORT_SUFFIXES = (".csv", ".parquet")
+_EXPORTS = {
+    "policies": "SELECT * FROM policies",
+    "trials": "SELECT name, trials.* FROM trials JOIN policies USING (policy) ORDER BY name, id",
+    "thresholds": "SELECT name, thresholds.* FROM thresholds JOIN policies USING (policy) "
+    f"WHERE {latest('thresholds')} ORDER BY name, scenario, angle_rad",
+    "scenarios": "SELECT name, scenarios.* FROM scenarios JOIN policies USING (policy) "
+    f"WHERE {latest('scenarios')} ORDER BY name, scenario",
+}
+
+
+@dataclass(frozen=True)
+class ThresholdRow:
+    """A row of exported thresholds.
+
+    Attributes:
+        name: of the policy or controller.
+        key: its digest, and how it was measured.
+        threshold: what was found.
+    """
+
+    name: str
+    key: Key
+    threshold: Threshold
+
+
+def export(db: sqlite3.Connection, table: str, path: str | Path) -> None:
+    """Write one table to a .csv or .parquet file.
+
+    Raises:
+        UserError: unknown table or suffix, or the file cannot be written.
+    """
+    import pyarrow
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    if table not in _EXPORTS:
+        raise UserError(f"unknown table '{table}'; valid: {', '.join(_EXPORTS)}")
+    check_export(path)
+    write: Callable[..., None] = pyarrow.csv.write_csv
+    if Path(path).suffix == ".parquet":
+        write = partial(pyarrow.parquet.write_table, compression="zstd", compression_level=15)
+    rows = list(as_dicts(db.execute(_EXPORTS[table])))
+    try:
+        write(pyarrow.Table.from_pylist(rows), str(path))
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error}") from error
+
+
+def check_export(path: str | Path) -> None:
+    """Check that a table can be exported to a file of this suffix.
+
+    Raises:
+        UserError: the suffix names no format.
+    """
+    suffix = Path(path).suffix
+    if suffix not in EXPORT_SUFFIXES:
+        raise UserError(f"unknown format '{suffix}' of {path}; valid: {', '.join(EXPORT_SUFFIXES)}")
+
+
+def read_threshold_rows(path: str | Path) -> list[ThresholdRow]:
+    """The rows of exported thresholds in a .csv file, of this version or of the last one.
+
+    Raises:
+        UserError: the file is missing or is not such a table.
+    """
+    try:
+        with Path(path).open(newline="") as stream:
+            return [_threshold_row(row) for row in csv.DictReader(stream)]
+    except OSError as error:
+        raise UserError(f"cannot read {path}: {error.strerror or error}") from error
+    except (KeyError, ValueError, TypeError) as error:
+        raise UserError(f"{path} is not a table of thresholds: {error}") from error
+
+
+def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
+    """The exported thresholds of every policy in a .csv file, by the policy's name.
+
+    Raises:
+        UserError: the file is missing or is not such a table.
+    """
+    found: dict[str, list[Threshold]] = {}
+    for row in read_threshold_rows(path):
+        found.setdefault(row.name, []).append(row.threshold)
+    return found
+
+
+def _threshold_row(row: Mapping[str, Any]) -> ThresholdRow:
+    renewed = threshold_row(row) if "setup" in row else row
+    return ThresholdRow(renewed["name"], Key.of(renewed), threshold_of(renewed))
