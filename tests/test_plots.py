@@ -110,7 +110,7 @@ def test_plots_leave_matplotlibs_global_state_alone(tmp_path):
     before = dict(matplotlib.rcParams)
     polar_map({"trpo": BOUND}, BOUND, tmp_path / "map.png")
     assert dict(matplotlib.rcParams) == before
-    code = "import sys, surefoot.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, surefoot.report.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.resources
 import os
 import re
 import signal
@@ -18,6 +19,7 @@ from surefoot.learning.config import preset
 from surefoot.learning.curve import read_curve
 from surefoot.learning.train import Progress
 
+SHIPPED = importlib.resources.files("surefoot.agents") / "shipped" / "ppo.onnx"
 SCENARIOS = (Scenario("quick", search="", directions=2, impulse=12.0, trials=1, horizon=2.0, quiet_from=0.0),)
 
 
@@ -90,7 +92,7 @@ def test_a_new_policy_is_evaluated_anew(finished: Study) -> None:
     assert not replace(run, study=more).is_evaluated
     data = (run.folder / "best.onnx").read_bytes()
     try:
-        (run.folder / "best.onnx").write_bytes((Path(reproduce.__file__).parent / "policies/ppo.onnx").read_bytes())
+        (run.folder / "best.onnx").write_bytes(SHIPPED.read_bytes())
         assert not run.is_evaluated
     finally:
         (run.folder / "best.onnx").write_bytes(data)
@@ -119,5 +121,5 @@ def test_time_left_is_the_budgets_and_the_mean_evaluation(tmp_path: Path) -> Non
     assert reproduce.seconds_left(runs, [100.0, 200.0]) == pytest.approx(3 * 120.0 + 3 * 150.0)
     runs[0].folder.mkdir()
     (runs[0].folder / ".trained").touch()
-    (runs[0].folder / "best.onnx").write_bytes((Path(reproduce.__file__).parent / "policies/ppo.onnx").read_bytes())
+    (runs[0].folder / "best.onnx").write_bytes(SHIPPED.read_bytes())
     assert reproduce.seconds_left(runs) == pytest.approx(2 * 120.0 + 3 * reproduce.GUESSED_EVALUATION_S)

@@ -147,7 +147,7 @@ class TrialMonitor:
         self._saturated[ids] += (torque >= PROTOCOL.saturation * self._torque_limit).sum(axis=1)
 
     def _verdict(self, robot: int, failed: str, fell: bool, diverged: bool, over: bool, now: int) -> Outcome:
-        speed = float(self._speed_sum[robot] / (PROTOCOL.judged_time * CONTROL_HZ)) if over else float("nan")
+        speed = float(self._speed_sum[robot] / (PROTOCOL.judged_time * CONTROL_HZ)) if over else np.nan
         tilted, restless = over and bool(self._tilted[robot]), over and speed >= PROTOCOL.max_com_speed
         reason = failed or _reason(diverged=diverged, fell=fell, tilted=tilted, restless=restless)
         did = self._strategies.strategies(robot)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -12,11 +11,11 @@ from surefoot.agents.agent import Policy
 from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.trials import Trial, TrialSource, draws, run_trials
-from surefoot.physics.step_record import StepRecord
+from surefoot.evaluation.recorded import RecordedTrial, record_trials
+from surefoot.evaluation.trials import Trial
 from surefoot.rates import CONTROL_DT, CONTROL_HZ
 from surefoot.rendering.moment import Moment
-from surefoot.robots import Robot, load_robot
+from surefoot.robots import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +28,16 @@ class Recording:
     outcome: Outcome
     fps: int
     moments: tuple[Moment, ...]
+
+    @classmethod
+    def of(cls, policy: str, recorded: RecordedTrial, fps: int, first: int = 0) -> Recording:
+        """The moments of a recorded trial, `fps` a second from the tick `first` on; `fps` divides 500."""
+        ticks, begin = recorded.ticks, recorded.begin
+        moments = (
+            Moment.of(ticks, tick=tick, time=float((tick - begin) * CONTROL_DT))
+            for tick in range(first, len(ticks), CONTROL_HZ // fps)
+        )
+        return cls(policy, ticks.robot, recorded.trial, recorded.outcome, fps, tuple(moments))
 
     @functools.cached_property
     def times(self) -> np.ndarray:
@@ -52,37 +61,5 @@ def record(policy: Policy | ControllerAgent, trial: Trial, fps: int = 50) -> Rec
     valid = [rate for rate in range(1, CONTROL_HZ + 1) if CONTROL_HZ % rate == 0]
     if fps not in valid:
         raise UserError(f"cannot record {fps} frames per second; valid: {', '.join(map(str, valid))}")
-    recorder = _Recorder(trial, len(policy.contract.joints), CONTROL_HZ // fps)
-    run_trials(policy, recorder, num_slots=1, num_threads=1, on_step=recorder.watch, domain=trial.domain)
-    return Recording(
-        policy.name, load_robot(policy.contract.robot), trial, recorder.outcome, fps, recorder.timed_moments()
-    )
-
-
-class _Recorder(TrialSource):
-    """The source of a single trial, and the one who watches it."""
-
-    outcome: Outcome
-
-    def __init__(self, trial: Trial, num_joints: int, stride: int):
-        self._trial = trial
-        self._todo: list[Trial] = [trial]
-        _, self._begin = draws(trial, num_joints)
-        self._stride = stride
-        self._num_ticks = 0
-        self._seen: list[tuple[int, Moment]] = []
-
-    def next(self) -> Trial | None:
-        return self._todo.pop() if self._todo else None
-
-    def report(self, trial: Trial, outcome: Outcome) -> None:
-        self.outcome = outcome
-
-    def watch(self, slots: np.ndarray, ticks: StepRecord) -> None:
-        for tick in range(-self._num_ticks % self._stride, len(ticks), self._stride):
-            self._seen.append((self._num_ticks + tick, Moment.of(ticks, tick=tick)))
-        self._num_ticks += len(ticks)
-
-    def timed_moments(self) -> tuple[Moment, ...]:
-        begin = self._begin + round(min(push.start for push in self._trial.pushes) * CONTROL_HZ)
-        return tuple(dataclasses.replace(moment, time=(tick - begin) * CONTROL_DT) for tick, moment in self._seen)
+    recorded = record_trials(policy, [trial], num_threads=1)[trial]
+    return Recording.of(policy.name, recorded, fps)

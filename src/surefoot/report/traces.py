@@ -11,15 +11,12 @@ from scipy.ndimage import binary_closing
 
 from surefoot.agents.agent import Policy
 from surefoot.agents.controllers.controller import ControllerAgent
-from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.recorded import RecordedTrial, record_trials
 from surefoot.evaluation.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
-from surefoot.evaluation.trials import Trial, TrialSource, draws, run_trials
+from surefoot.evaluation.trials import Trial
 from surefoot.physics.rotations import roll_pitch
-from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
-from surefoot.rendering.moment import Moment
 from surefoot.rendering.recording import Recording
-from surefoot.robots import Robot, load_robot
 from surefoot.robots.model import FLOOR
 
 STRIDE = 10
@@ -27,18 +24,8 @@ STRIDE = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
-    """One trial, tick by tick.
-
-    Attributes:
-        ticks: of one robot, (1, num_ticks, ...), from its reset to its verdict.
-        begin: tick at which the disturbance began.
-    """
-
-    trial: Trial
-    outcome: Outcome
-    ticks: StepRecord
-    begin: int
+class Trace(RecordedTrial):
+    """A recorded trial, and what is drawn of it."""
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -84,46 +71,12 @@ class Trace:
         return watch.strategies(0)
 
     def recording(self, policy_name: str) -> Recording:
-        """As `surefoot.video` draws it."""
-        ticks = range(self.begin % STRIDE, len(self.time), STRIDE)
-        moments = (Moment.of(self.ticks, tick=tick, time=float(self.time[tick])) for tick in ticks)
-        fps = CONTROL_HZ // STRIDE
-        return Recording(policy_name, self.ticks.robot, self.trial, self.outcome, fps, tuple(moments))
+        """What films and strips draw of it."""
+        return Recording.of(policy_name, self, CONTROL_HZ // STRIDE, first=self.begin % STRIDE)
 
 
 def run_traces(policy: Policy | ControllerAgent, trials: Mapping[str, Trial]) -> dict[str, Trace]:
-    """Run some whole trials of one policy again, those in the same world as one batch."""
-    traces: dict[Trial, Trace] = {}
-    for domain in dict.fromkeys(trial.domain for trial in trials.values()):
-        recorder = _Recorder(list(dict.fromkeys(trial for trial in trials.values() if trial.domain == domain)))
-        run_trials(policy, recorder, len(recorder.trials), on_step=recorder.watch, domain=domain)
-        traces |= recorder.traces(load_robot(policy.contract.robot))
+    """Run some full-length trials of one policy again, those in the same domain as one batch."""
+    recorded = record_trials(policy, trials.values())
+    traces = {trial: Trace(trial, each.outcome, each.ticks, each.begin) for trial, each in recorded.items()}
     return {name: traces[trial] for name, trial in trials.items()}
-
-
-class _Recorder(TrialSource):
-    """As many trials as there are slots, each in the slot of its place, and all their ticks."""
-
-    def __init__(self, trials: list[Trial]):
-        self.trials = trials
-        self._todo = iter(trials)
-        self._outcomes: dict[Trial, Outcome] = {}
-        self._records: list[list[StepRecord]] = [[] for _ in trials]
-
-    def next(self) -> Trial | None:
-        return next(self._todo, None)
-
-    def report(self, trial: Trial, outcome: Outcome) -> None:
-        self._outcomes[trial] = outcome
-
-    def watch(self, slots: np.ndarray, ticks: StepRecord) -> None:
-        for row, slot in enumerate(slots.tolist()):
-            self._records[slot].append(ticks[row : row + 1].copy())
-
-    def traces(self, robot: Robot) -> dict[Trial, Trace]:
-        found = {}
-        for trial, records in zip(self.trials, self._records, strict=True):
-            _, begin = draws(trial, robot.num_joints)
-            begin += round(min(push.start for push in trial.pushes) * CONTROL_HZ)
-            found[trial] = Trace(trial, self._outcomes[trial], StepRecord.join(records), begin)
-        return found
