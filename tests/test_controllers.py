@@ -21,7 +21,7 @@ from surefoot.evaluation.results import Results, key_of
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.physics.pushes import Drop
 from surefoot.physics.step_record import StepRecord
-from surefoot.report.step_timing import timing_figures, timing_table
+from surefoot.report.timing_table import timing_metrics, timing_table
 from surefoot.robots import Robot
 from surefoot.task.imperfections import Imperfections
 
@@ -346,7 +346,7 @@ def test_times_per_control_step_are_kept_shown_and_given_to_machines(tmp_path: P
     (row,) = timing_table({"mine": timing}).rows
     assert list(row) == ["mine", "250", "84", "2100", "3 of 1000", "900", "4400", "12 of 2760", "2 x not finite"]
     documented = (ROOT / "docs" / "figures.md").read_text()
-    figures = timing_figures(timing)
+    figures = timing_metrics(timing)
     assert (figures["control.step_us_median"], figures["control.alone_us_p99"]) == (84.0, 4400.0)
     assert all(f"`{key}`" in documented for key in figures)
 

@@ -11,14 +11,14 @@ from surefoot.agents.controllers import shipped_controllers
 from surefoot.agents.load import load_policy, shipped_policies
 from surefoot.cli.benchmarks import run_bench
 from surefoot.cli.main import main
-from surefoot.cli.shown_trial import DIRECTIONS
 from surefoot.evaluation.evaluate import push_lines
 from surefoot.evaluation.results_export import read_thresholds
+from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.evaluation.suites import PAPER
 from surefoot.learning.ablations import LEFT_OUT, ablation_table
 from surefoot.learning.curve import read_curve
 from surefoot.report import metrics as figures
-from surefoot.report import tables
+from surefoot.report.thresholds import root_pushes
 from surefoot.robots import load_robot
 
 ROOT = Path(__file__).parent.parent
@@ -58,7 +58,7 @@ def test_every_shipped_controller_has_its_thresholds() -> None:
 
 def test_those_that_step_hold_more_than_those_that_stand() -> None:
     found = read_thresholds(ROOT / "results" / "controllers.csv")
-    worst = {name: [tables.root_pushes(rows)[d].size for d in DIRECTIONS] for name, rows in found.items()}
+    worst = {name: [root_pushes(rows)[d].size for d in DIRECTIONS] for name, rows in found.items()}
     stepping = [worst.pop(f"controllers/{name}") for name in ("stephens2010", "urata2011")]
     for sizes in stepping:
         assert all(size > max(others) for size, others in zip(sizes, zip(*worst.values(), strict=True), strict=True))
@@ -76,7 +76,7 @@ def test_every_shipped_policy_has_its_thresholds_and_its_curve() -> None:
 
 def test_a_shipped_policy_holds_the_papers_bound_in_all_four_directions() -> None:
     """53 Ns forward and backward and 78 Ns to the sides, equation (6): 54 and 78 on the grid of 6 Ns."""
-    found = [tables.root_pushes(thresholds) for thresholds in read_thresholds(THRESHOLDS).values()]
+    found = [root_pushes(thresholds) for thresholds in read_thresholds(THRESHOLDS).values()]
     best = max(found, key=lambda pushes: min(t.size for t in pushes.values()))
     assert min(best[d].size for d in ("forward", "backward")) >= 54.0
     assert min(best[d].size for d in ("left", "right")) >= 78.0

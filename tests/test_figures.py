@@ -14,7 +14,7 @@ from surefoot.evaluation.suites import PAPER
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
 from surefoot.report.metrics import flat_metrics, share_kept
-from surefoot.report.tables import by_scenario
+from surefoot.report.thresholds import by_scenario
 from surefoot.robots import Robot
 
 BY_NAME = {scenario.name: scenario for scenario in PAPER}

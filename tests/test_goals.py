@@ -15,7 +15,7 @@ def reached(algorithm: str, **figures: float) -> dict[str, str]:
 
 
 def test_an_algorithm_is_held_to_the_papers_row_for_it() -> None:
-    rows = {goal.words: goal for goal in targets_of("ppo")}
+    rows = {target.words: target for target in targets_of("ppo")}
     assert (rows["sagittal, worse of two"].paper, rows["lateral, worse side"].paper) == (192.0, 36.0)
     assert reached("ppo") == {"sagittal, worse of two": "yes", "lateral, worse side": "yes"}
     # DDPG is to reach 300 Ns on both.
@@ -34,6 +34,6 @@ def test_limits_from_above_are_not_to_be_exceeded_and_a_fall_misses_them() -> No
     assert reached("trpo", quiet__mean_power_W=math.nan)[words] == "no"
 
 
-def test_our_goals_are_beyond_the_papers_figures() -> None:
-    for goal in (*TARGETS, *targets_of("trpo"), *targets_of("ppo"), *targets_of("ddpg")):
-        assert goal.at_most or goal.paper is None or goal.goal > goal.paper
+def test_our_targets_are_beyond_the_papers_figures() -> None:
+    for target in (*TARGETS, *targets_of("trpo"), *targets_of("ppo"), *targets_of("ddpg")):
+        assert target.at_most or target.paper is None or target.value > target.paper

@@ -13,8 +13,10 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from surefoot.errors import UserError
-from surefoot.report import plots
-from surefoot.report.plots import BarRow, bars_beside_paper, color_of, learning_curves, polar_map
+from surefoot.report import plot_style
+from surefoot.report.learning_plots import learning_curves
+from surefoot.report.plot_style import color_of
+from surefoot.report.threshold_plots import BarRow, bars_beside_paper, polar_map
 
 FORWARD, LEFT, BACKWARD, RIGHT = 0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi
 BOUND = [(FORWARD, 20.0), (LEFT, 20.0), (BACKWARD, 20.0), (RIGHT, 20.0)]
@@ -110,7 +112,7 @@ def test_plots_leave_matplotlibs_global_state_alone(tmp_path):
     before = dict(matplotlib.rcParams)
     polar_map({"trpo": BOUND}, BOUND, tmp_path / "map.png")
     assert dict(matplotlib.rcParams) == before
-    code = "import sys, surefoot.report.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
+    code = "import sys, surefoot.report.threshold_plots; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -142,5 +144,5 @@ def test_nothing_to_draw_is_said_and_no_file_is_written(tmp_path, draw, message)
 
 
 def test_all_colours_differ():
-    colours = [*plots._COLORS.values(), *plots._SPARE_COLORS]
+    colours = [*plot_style._COLORS.values(), *plot_style._SPARE_COLORS]
     assert len(set(colours)) == len(colours)

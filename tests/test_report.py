@@ -27,9 +27,11 @@ from surefoot.evaluation.suites import PAPER, SINGLE
 from surefoot.evaluation.threshold_search import Threshold, wilson_interval
 from surefoot.evaluation.trials import run_list
 from surefoot.rates import CONTROL_DT
-from surefoot.report import tables
 from surefoot.report.evaluations import LARGEST, SHANK, read_evaluations
 from surefoot.report.page import Report, make_report
+from surefoot.report.paper_tables import published_table, table_1, table_2, table_3, table_4
+from surefoot.report.table import Table
+from surefoot.report.threshold_tables import direction_table, scenario_table
 from surefoot.report.traces import Trace, run_traces
 from surefoot.robots import Robot
 
@@ -139,7 +141,7 @@ class _Reader(html.parser.HTMLParser):
             self._rows[-1][-1] += data
 
 
-def texts(table: tables.Table) -> list[list[str]]:
+def texts(table: Table) -> list[list[str]]:
     return [[c or "\u00a0" for c in table.columns], *([row[0].strip(), *row[1:]] for row in table.rows)]
 
 
@@ -149,16 +151,16 @@ def test_the_pages_tables_are_those_of_the_tables_module(report: Report, page: s
     main = {name: e.thresholds for name, e in evaluations.items()}
     nominal = evaluations["nominal-bent"]
     expected = [
-        tables.table_1(main, robot),
-        tables.table_4(main, robot),
-        tables.published_table(),
-        tables.direction_table(nominal.name, nominal.thresholds, robot, np.array(nominal.contract.nominal_pose)),
-        tables.scenario_table(nominal.name, nominal.thresholds),
+        table_1(main, robot),
+        table_4(main, robot),
+        published_table(),
+        direction_table(nominal.name, nominal.thresholds, robot, np.array(nominal.contract.nominal_pose)),
+        scenario_table(nominal.name, nominal.thresholds, robot),
     ]
     for one in expected:
         assert found[one.title] == texts(one), one.title
     # Both policies have these, under one title each; the learned one is better and comes first.
-    for one in (tables.table_2(nominal.fixed), tables.table_3(nominal.thresholds, robot, nominal.steps)):
+    for one in (table_2(nominal.fixed), table_3(nominal.thresholds, robot, nominal.steps)):
         assert found[one.title][-len(one.rows) :] == texts(one)[1:], one.title
     assert found["Share kept of the rejected impulse"][1:] == [["noise both", "50%", "50%"]]
 

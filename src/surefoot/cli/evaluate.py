@@ -15,7 +15,12 @@ from surefoot.cli.terminal import evaluation_bar, results_console, write_json
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
+    from surefoot.agents.agent import Named
+    from surefoot.agents.controllers.step_times import Timing
+    from surefoot.evaluation.evaluate import Evaluated
     from surefoot.evaluation.scenarios import Scenario
+    from surefoot.report.thresholds import Fixed
+    from surefoot.robots import Robot
 
 
 @dataclass(frozen=True)
@@ -62,38 +67,68 @@ class Evaluate:
 def evaluate_policy(
     name: str, scenarios: Sequence[Scenario], path: Path, output: Console, export: Path | None = None
 ) -> dict[str, float]:
-    """Run, print and keep some scenarios of one policy; returns its flat figures."""
+    """Run, print and keep some scenarios of one policy.
+
+    Args:
+        name: of the policy, as a user gives it.
+        scenarios: what is run.
+        path: of the results table.
+        output: where the tables are printed.
+        export: a file for all thresholds of the results table.
+
+    Returns:
+        Its metrics.
+    """
     from surefoot.agents.controllers import load_agent
     from surefoot.agents.controllers.controller import ControllerAgent
     from surefoot.evaluation.evaluate import evaluate_and_store
     from surefoot.evaluation.results import Results, key_of
-    from surefoot.report import metrics as figures
-    from surefoot.report import tables
-    from surefoot.report import targets as goals
-    from surefoot.report.step_timing import measure, timing_figures, timing_table
+    from surefoot.evaluation.step_timing import measure
+    from surefoot.report.metrics import flat_metrics
+    from surefoot.report.timing_table import timing_metrics
     from surefoot.robots import load_robot
 
-    policy = load_agent(name)
-    robot, pose = load_robot(policy.contract.robot), np.array(policy.contract.nominal_pose)
+    agent = load_agent(name)
+    robot, pose = load_robot(agent.contract.robot), np.array(agent.contract.nominal_pose)
     with Results(path) as results:
         with evaluation_bar(sum(len(scenario.lines()) for scenario in scenarios)) as show:
-            done = evaluate_and_store(policy, scenarios, results, show)
-        if isinstance(policy, ControllerAgent) and policy.times.num_steps:
-            results.add_timing(policy, measure(policy))
-        timing = results.timing(key_of(policy))
+            done = evaluate_and_store(agent, scenarios, results, show)
+        if isinstance(agent, ControllerAgent) and agent.times.num_steps:
+            results.add_timing(agent, measure(agent))
+        timing = results.timing(key_of(agent))
         if export:
             results.export("thresholds", export)
-        fixed = results.fixed_outcomes(policy.name)
-        found = figures.flat_metrics(done.thresholds, fixed, results.audit(policy), robot, pose, done.wall_s)
-    steps = tables.median_steps(done.thresholds, done.store)
-    lines = goals.targets_table(policy.name, policy.contract.training.get("algorithm", ""), found)
-    for table in (*tables.all_tables(policy, done.thresholds, fixed, steps, robot), lines):
-        if table.rows:  # a scenario file may have none of the lines to beat
-            output.print(table.rich())
+        fixed = results.fixed_outcomes(agent.name)
+        metrics = flat_metrics(done.thresholds, fixed, results.audit(agent), robot, pose, done.wall_s)
     if timing:
-        output.print(timing_table({policy.name: timing}).rich())
-        found |= timing_figures(timing)
-    return found
+        metrics |= timing_metrics(timing)
+    _print_tables(agent, done, fixed, timing, metrics, robot, output)
+    return metrics
+
+
+def _print_tables(
+    agent: Named,
+    done: Evaluated,
+    fixed: Fixed,
+    timing: Timing | None,
+    metrics: dict[str, float],
+    robot: Robot,
+    output: Console,
+) -> None:
+    """Print every table that an evaluation fills, and what it reaches of the targets."""
+    from surefoot.report.policy_tables import all_tables
+    from surefoot.report.targets import targets_table
+    from surefoot.report.thresholds import median_steps
+    from surefoot.report.timing_table import timing_table
+
+    steps = median_steps(done.thresholds, done.store)
+    tables = all_tables(agent, done.thresholds, fixed, steps, robot)
+    tables.append(targets_table(agent.name, agent.contract.training.get("algorithm", ""), metrics))
+    if timing:
+        tables.append(timing_table({agent.name: timing}))
+    for table in tables:
+        if table.rows:  # a scenario file may have none of the lines that are aimed at
+            output.print(table.rich())
 
 
 def chosen_scenarios(suite_name: str, num_directions: int) -> list[Scenario]:

@@ -66,16 +66,17 @@ class Table:
 
     def main(self) -> None:
         from surefoot.evaluation.results_export import read_thresholds
-        from surefoot.report import tables
+        from surefoot.report.paper_tables import table_1
+        from surefoot.report.threshold_tables import seeds_table, worst_table
         from surefoot.robots import load_robot
 
         policies = read_thresholds(self.thresholds)
         if self.show == "seeds":
-            table = tables.seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
+            table = seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
         elif self.show == "worst":
-            table = tables.worst_table(policies)
+            table = worst_table(policies, load_robot())
         else:
-            table = tables.table_1(policies, load_robot())
+            table = table_1(policies, load_robot())
         if self.markdown:
             sys.stdout.write(table.markdown())
         else:
@@ -99,18 +100,19 @@ class Pictures:
         from surefoot.agents.load import load_policy
         from surefoot.evaluation.results_export import read_thresholds
         from surefoot.learning.curve import read_curves
-        from surefoot.report import plots, result_pictures
+        from surefoot.report.learning_plots import learning_curves
+        from surefoot.report.result_pictures import draw_strip, draw_thresholds
 
         policies, policy = read_thresholds(self.thresholds), load_policy(self.policy)
         if policy.name not in policies:
             raise UserError(f"no thresholds of '{policy.name}' in {self.thresholds}; valid: {', '.join(policies)}")
         self.out.mkdir(parents=True, exist_ok=True)
         with console.status("drawing pictures"):
-            drawn = result_pictures.draw_thresholds(policies, policy.robot, self.out)
+            drawn = draw_thresholds(policies, policy.robot, self.out)
             drawn.append(self.out / "curves.png")
-            plots.learning_curves(read_curves(self.curves), drawn[-1])
+            learning_curves(read_curves(self.curves), drawn[-1])
             try:
-                drawn.append(result_pictures.draw_strip(policy, policies[policy.name], self.out / "strip.png"))
+                drawn.append(draw_strip(policy, policies[policy.name], self.out / "strip.png"))
             except UserError as error:  # a machine without OpenGL still gets the plots
                 console.print(f"no film strip: {error}", markup=False, soft_wrap=True)
         for picture in drawn:

@@ -14,7 +14,7 @@ import numpy as np
 from surefoot.learning.config import HALF_LIFE_GAMMA, LAYERS, TrainConfig, preset
 from surefoot.learning.curve import read_curve
 from surefoot.learning.train import Progress, train
-from surefoot.report.tables import Table
+from surefoot.report.table import Table
 from surefoot.task.random_pushes import DisturbanceConfig
 
 Change = Callable[[TrainConfig], TrainConfig]

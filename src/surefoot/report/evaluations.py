@@ -14,12 +14,11 @@ from surefoot.evaluation.evaluate import full_length_outcomes
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.results import Results, TrialStore, open_results
 from surefoot.evaluation.results_schema import Key
-from surefoot.evaluation.scenarios import Line
+from surefoot.evaluation.scenarios import DIRECTIONS, Line
 from surefoot.evaluation.suites import PAPER, ROBUSTNESS, SINGLE
 from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold
 from surefoot.evaluation.trials import Trial
-from surefoot.report import tables
-from surefoot.report.tables import Fixed
+from surefoot.report.thresholds import Fixed, by_scenario, has_main_directions, median_steps, root_pushes
 from surefoot.robots import Robot, load_robot
 
 LARGEST = "largest sagittal push"
@@ -28,7 +27,7 @@ SHANK = "push at the shank"
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of the 6 Ns grid: how many of its trials, screening and full-length, recovered."""
+    """A cell of the grid of impulses [Ns]: how many of its trials, screening and full-length, recovered."""
 
     impulse: float
     recovered: int
@@ -84,13 +83,13 @@ class Evaluation:
     @property
     def has_main_directions(self) -> bool:
         """Were pushes at the root searched in the four main directions?"""
-        return tables.has_main_directions(tables.root_pushes(self.thresholds))
+        return has_main_directions(root_pushes(self.thresholds))
 
     @property
     def worst(self) -> float:
         """The lowest of the four main directions at the root [Ns]; 0 without them."""
-        pushes = tables.root_pushes(self.thresholds)
-        return min(pushes[d].size for d in tables.DIRECTIONS) if self.has_main_directions else 0.0
+        pushes = root_pushes(self.thresholds)
+        return min(pushes[d].size for d in DIRECTIONS) if self.has_main_directions else 0.0
 
 
 def read_evaluations(files: Sequence[str | Path]) -> list[Evaluation]:
@@ -124,8 +123,8 @@ def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Ev
         contract=contract,
         thresholds=thresholds,
         fixed=fixed,
-        steps=tables.median_steps(thresholds, store),
-        cells={t.line: _cells(t.line, store) for t in tables.root_pushes(thresholds).values()},
+        steps=median_steps(thresholds, store),
+        cells={t.line: _cells(t.line, store) for t in root_pushes(thresholds).values()},
         cases=_cases(thresholds, fixed, store),
         audit=sorted(results.audit_rows(key), key=lambda row: _place(row["scenario"])),
         versions=", ".join(f"surefoot {version}, {key.setup.engine}" for version in results.versions(key)),
@@ -162,8 +161,8 @@ def _known(line: Line, cell: int, store: TrialStore, num_seeds: int, full_length
 def _cases(thresholds: Sequence[Threshold], fixed: Fixed, store: TrialStore) -> dict[str, Case]:
     """The paper's four pushes, the largest sagittal push and a push at the shank, as far as they were run."""
     cases = {name: Case(*next(iter(fixed[name].items()))) for name in SINGLE if fixed.get(name)}
-    root = tables.root_pushes(thresholds)
-    shank = tables.by_scenario(thresholds).get("shank_push", {})
+    root = root_pushes(thresholds)
+    shank = by_scenario(thresholds).get("shank_push", {})
     sagittal = [root[d] for d in ("forward", "backward") if d in root]
     for name, found in ((LARGEST, sagittal), (SHANK, shank.values())):
         case = _largest_recovered(found, store)

@@ -1,4 +1,4 @@
-"""Figures: one flat object of numbers about a policy, for machines. Keys are stable: docs/figures.md."""
+"""Metrics: one flat object of numbers about a policy, for machines. Keys are stable: docs/figures.md."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.scenarios import DIRECTIONS
+from surefoot.evaluation.scenarios import DIRECTIONS, readable_name
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
-from surefoot.report.tables import by_scenario, capture_point_bound, has_main_directions
+from surefoot.report.bounds import capture_point_bound
+from surefoot.report.thresholds import by_scenario, has_main_directions
 from surefoot.robots import Robot
 
 PUSHES = ("root_push", "root_push_no_step", "torso_push", "thigh_push", "shank_push")
@@ -56,7 +57,13 @@ def flat_metrics(
     for name, bound in zip(DIRECTIONS, capture_point_bound(robot, pose, list(DIRECTIONS.values())), strict=True):
         figures[f"bound.{name}"] = round(bound, 1)
     figures["evaluate.wall_s"] = round(wall_s, 2)
-    return figures
+    return figures | _with_old_names(figures, robot)
+
+
+def _with_old_names(figures: Mapping[str, float], robot: Robot) -> dict[str, float]:
+    """The metrics of pushes at the root once more under the robot's own word for it, as the last version named them."""
+    old = {readable_name(key, robot.root): value for key, value in figures.items()}
+    return {key: value for key, value in old.items() if key not in figures}
 
 
 def share_kept(clean: Mapping[str, Threshold], disturbed: Mapping[str, Threshold]) -> float:

@@ -13,11 +13,13 @@ import surefoot
 from surefoot.errors import UserError
 from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.replay import check_setup, find_policy
-from surefoot.report import paper, tables
-from surefoot.report.comparison import of_policy, side_by_side, versions_table
+from surefoot.report import paper
 from surefoot.report.evaluations import Evaluation, read_evaluations
-from surefoot.report.page_figures import Curves, Figure, comparison_figures, policy_figures
-from surefoot.report.tables import Table, by_scenario, root_pushes, worse_of
+from surefoot.report.figure import Figure
+from surefoot.report.page_figures import Curves, comparison_figures, policy_figures
+from surefoot.report.page_tables import of_policy, side_by_side, versions_table
+from surefoot.report.table import Table
+from surefoot.report.thresholds import LATERAL, SAGITTAL, by_scenario, root_pushes, root_words, worse_of
 
 MAX_SECTIONS = 4
 """With more policies than this, only the best of each algorithm has a section of its own."""
@@ -89,6 +91,7 @@ class Report:
         return environment.from_string(text).render(
             report=self,
             best=best,
+            root=root_words(best.robot),
             cards=headline(best),
             protocol=PROTOCOL,
             version=surefoot.__version__,
@@ -140,13 +143,11 @@ def headline(e: Evaluation) -> list[Card]:
     """The figures that sum a policy up, as far as they were measured."""
     found, cards = by_scenario(e.thresholds), []
     if e.has_main_directions:
-        pushes, theirs = root_pushes(e.thresholds), tables.paper_row(e.algorithm) or paper.TABLE_1["trpo"]
-        cards.append(
-            Card("sagittal, worse side", worse_of(pushes, ("forward", "backward")).size, theirs.sagittal, "Ns")
-        )
-        cards.append(Card("lateral, worse side", worse_of(pushes, ("left", "right")).size, theirs.lateral, "Ns"))
+        pushes, theirs = root_pushes(e.thresholds), paper.algorithm_row(e.algorithm) or paper.TABLE_1["trpo"]
+        cards.append(Card("sagittal, worse side", worse_of(pushes, SAGITTAL).size, theirs.sagittal, "Ns"))
+        cards.append(Card("lateral, worse side", worse_of(pushes, LATERAL).size, theirs.lateral, "Ns"))
     lines = found.get("root_push_no_step", {})
-    for plane, names in (("sagittal", ("forward", "backward")), ("lateral", ("left", "right"))):
+    for plane, names in (("sagittal", SAGITTAL), ("lateral", LATERAL)):
         if set(names) <= set(lines):
             words = f"without a step, {plane}"
             cards.append(Card(words, worse_of(lines, names).size, getattr(paper.WITHOUT_STEP, plane), "Ns"))

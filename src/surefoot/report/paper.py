@@ -21,6 +21,11 @@ TABLE_1 = {
 """Largest rejected impulses. Captioned "without taking steps", yet the text counts eight steps for the 240 Ns."""
 
 
+def algorithm_row(name: str) -> AlgorithmRow | None:
+    """The paper's row for a policy whose name begins with its algorithm, such as "trpo" or "trpo-0"."""
+    return TABLE_1.get(name.split("-")[0].split(".")[0])
+
+
 class StrategyRow(NamedTuple):
     """A column of Table II: which strategies a push brought out."""
 

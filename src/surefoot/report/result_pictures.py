@@ -12,7 +12,10 @@ from surefoot.evaluation.threshold_search import Threshold
 from surefoot.rendering.image_files import save_picture
 from surefoot.rendering.recording import record
 from surefoot.rendering.strip import filmstrip
-from surefoot.report import paper, plots, tables
+from surefoot.report import paper
+from surefoot.report.bounds import capture_point_bound, worse_bounds
+from surefoot.report.threshold_plots import BarRow, bars_beside_paper, polar_map
+from surefoot.report.thresholds import LATERAL, SAGITTAL, root_pushes, root_words, worse_of
 from surefoot.robots import Robot
 
 STRIP_SEED = 0
@@ -26,17 +29,17 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
     """
     rows = [bar_row(name, thresholds) for name, thresholds in policies.items()]
     equation = paper.TABLE_1["equation (6)"]
-    sagittal, lateral = tables.worse_bounds(robot)
-    rows.append(plots.BarRow("equation (6)", sagittal, lateral, equation.sagittal, equation.lateral))
+    sagittal, lateral = worse_bounds(robot)
+    rows.append(BarRow("equation (6)", sagittal, lateral, equation.sagittal, equation.lateral))
     bars, polar = folder / "bars.png", folder / "polar.png"
-    plots.bars_beside_paper(rows, bars)
+    bars_beside_paper(rows, bars)
     angles = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False).tolist()
-    bound = list(zip(angles, tables.capture_point_bound(robot, "straight", angles), strict=True))
+    bound = list(zip(angles, capture_point_bound(robot, "straight", angles), strict=True))
     points = {
-        name: [(t.line.angle, t.size) for t in tables.root_pushes(thresholds).values()]
+        name: [(t.line.angle, t.size) for t in root_pushes(thresholds).values()]
         for name, thresholds in policies.items()
     }
-    plots.polar_map(points, bound, polar, title="Rejected impulse at the root")
+    polar_map(points, bound, polar, title=f"Rejected impulse at the {root_words(robot)}")
     return [bars, polar]
 
 
@@ -46,7 +49,7 @@ def draw_strip(policy: Policy, thresholds: Sequence[Threshold], path: Path) -> P
     Raises:
         UserError: there is no OpenGL to draw with.
     """
-    pushes = tables.root_pushes(thresholds)
+    pushes = root_pushes(thresholds)
     forward, left = pushes["forward"], pushes["left"]
     too_much = max(pushes.values(), key=lambda t: t.size)
     trials = [t.line.trial(round(t.size / t.line.grid), STRIP_SEED, full_length=True) for t in (forward, left)]
@@ -57,9 +60,9 @@ def draw_strip(policy: Policy, thresholds: Sequence[Threshold], path: Path) -> P
     return path
 
 
-def bar_row(name: str, thresholds: Sequence[Threshold]) -> plots.BarRow:
+def bar_row(name: str, thresholds: Sequence[Threshold]) -> BarRow:
     """One policy's bars, the worse direction of each plane."""
-    pushes = tables.root_pushes(thresholds)
-    sagittal = tables.worse_of(pushes, ("forward", "backward")).size
-    lateral = tables.worse_of(pushes, ("left", "right")).size
-    return plots.BarRow(name, sagittal, lateral, *(tables.paper_row(name) or (None, None)))
+    pushes = root_pushes(thresholds)
+    sagittal = worse_of(pushes, SAGITTAL).size
+    lateral = worse_of(pushes, LATERAL).size
+    return BarRow(name, sagittal, lateral, *(paper.algorithm_row(name) or (None, None)))

@@ -1,4 +1,4 @@
-"""Goals: the paper's lines, what surefoot wants to reach on each, and what a policy reaches."""
+"""Targets: the paper's lines, what surefoot wants to reach on each, and what a policy reaches."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from surefoot.report import paper
-from surefoot.report.tables import Table
+from surefoot.report.table import Table
 
 
 class Target(NamedTuple):
     """A line to beat.
 
     Attributes:
-        key: of the flat figures, docs/figures.md.
+        words: what the line is about.
+        key: of the metrics, docs/figures.md.
+        unit: of both figures.
         paper: its figure; None where it has none.
-        goal: at least; at most if `at_most`.
+        value: what is to be reached at least; at most if `at_most`.
+        at_most: is less better?
         directions: the line holds for evaluations with at least so many.
     """
 
@@ -24,7 +27,7 @@ class Target(NamedTuple):
     key: str
     unit: str
     paper: float | None
-    goal: float
+    value: float
     at_most: bool = False
     directions: int = 4
 
@@ -64,16 +67,18 @@ def targets_of(algorithm: str) -> tuple[Target, ...]:
     )
 
 
-def targets_table(name: str, algorithm: str, figures: Mapping[str, float]) -> Table:
+def targets_table(name: str, algorithm: str, metrics: Mapping[str, float]) -> Table:
     """What a policy reaches on the lines that were tested."""
     rows = []
-    for goal in targets_of(algorithm):
-        if goal.key in figures and figures.get("root_push.directions", 0) >= goal.directions:
-            found = figures[goal.key]
-            reached = found <= goal.goal if goal.at_most else found >= goal.goal
-            theirs = "" if goal.paper is None else f"{goal.paper:g}"
+    for target in targets_of(algorithm):
+        if target.key in metrics and metrics.get("root_push.directions", 0) >= target.directions:
+            found = metrics[target.key]
+            reached = found <= target.value if target.at_most else found >= target.value
+            theirs = "" if target.paper is None else f"{target.paper:g}"
             value = "did not stand" if math.isnan(found) else f"{found:g}"
-            sign = "≤" if goal.at_most else "≥"
-            rows.append((goal.words, goal.unit, theirs, f"{sign} {goal.goal:g}", value, "yes" if reached else "no"))
-    columns = ("line", "unit", "paper", "goal", name, "reached")
+            sign = "≤" if target.at_most else "≥"
+            rows.append(
+                (target.words, target.unit, theirs, f"{sign} {target.value:g}", value, "yes" if reached else "no")
+            )
+    columns = ("line", "unit", "paper", "target", name, "reached")
     return Table("The lines to beat", columns, rows, "Largest values over all trials for drift, steps and power.")

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from itertools import groupby
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
-from matplotlib.projections.polar import PolarAxes
-from matplotlib.ticker import PercentFormatter
 
-from surefoot.evaluation.scenarios import Line
 from surefoot.evaluation.strategies import Step
-from surefoot.evaluation.threshold_search import Threshold
 from surefoot.rendering.words import push_words
-from surefoot.report.evaluations import Cell
-from surefoot.report.plots import GREY, INK, Point, closed, draw_bound, drawing, style_polar
+from surefoot.report.plot_style import GREY, INK, drawing
+from surefoot.report.thresholds import root_words
 from surefoot.report.traces import STRIDE, Trace
 
 FIRST, SECOND = "#2b6cb0", "#d1600f"
@@ -29,7 +22,6 @@ FIRST, SECOND = "#2b6cb0", "#d1600f"
 LEFT, RIGHT = "#0f8b9d", "#b5327a"
 """Feet."""
 _PUSH = "#e8b32a"
-_SHARES = LinearSegmentedColormap.from_list("shares", ["#d0662f", "#f0c9a8", "#eef1f5", "#b4cdea", "#6aa1d8"])
 _BEFORE, _AFTER = -0.5, 6.0
 """What is shown of a trial, about the beginning of its disturbance [s]."""
 _LEAST = 5.0
@@ -37,7 +29,8 @@ _LEAST = 5.0
 
 
 def motion(traces: Mapping[str, Trace], path: str | Path) -> None:
-    """CoM, root attitude and loaded feet over time, a column per trial (the paper's figure 5 a and b)."""
+    """Draw CoM, attitude of the root and loaded feet over time, a column per trial (the paper's figure 5 a and b)."""
+    root = root_words(next(iter(traces.values())).ticks.robot)
     with drawing(path, 3.3 * max(len(traces), 2), 7.0) as figure:
         panels = figure.subplots(3, len(traces), sharex=True, squeeze=False, height_ratios=(3, 3, 1))
         for column, (title, trace) in zip(panels.T, traces.items(), strict=True):
@@ -50,11 +43,11 @@ def motion(traces: Mapping[str, Trace], path: str | Path) -> None:
             _gait(column[2], trace, legend=False)
             column[2].set_xlabel("time [s]")
         panels[0, 0].set_ylabel("CoM [cm]")
-        panels[1, 0].set_ylabel("root [deg]")
+        panels[1, 0].set_ylabel(f"{root} [deg]")
         panels[0, 0].set_xlim(_BEFORE, _AFTER)
         for axes in panels[2, 1:]:
             axes.set_yticklabels([])
-        words = ("CoM forward (x), root pitch", "CoM left (y), root roll")
+        words = (f"CoM forward (x), {root} pitch", f"CoM left (y), {root} roll")
         handles: list[Any] = [Line2D([], [], color=c, lw=2.4, label=w) for c, w in zip((FIRST, SECOND), words)]  # noqa: B905
         handles += [Patch(color=_PUSH, alpha=0.5, label="push"), Patch(color=GREY, label="foot loaded")]
         figure.legend(handles=handles, loc="outside lower center", ncols=4)
@@ -116,37 +109,6 @@ def support_foot(trace: Trace, path: str | Path) -> None:
             Patch(color=_PUSH, alpha=0.5, label="push"),
         ]
         figure.legend(handles=handles, loc="outside lower center", ncols=4)
-
-
-def success_map(
-    cells: Mapping[Line, Sequence[Cell]], thresholds: Sequence[Threshold], bound: Sequence[Point], path: str | Path
-) -> None:
-    """Share of the trials that recovered by direction and impulse, the rejected impulse and the bound.
-
-    Args:
-        cells: of every direction; cells without trials stay blank.
-        bound: the capture-point bound, equation (6) of the paper.
-    """
-    highest = max([cell.impulse for several in cells.values() for cell in several] + [ns for _, ns in bound])
-    width = 2.0 * np.pi / max(len(cells), 16)
-    with drawing(path, 7.6, 8.2) as figure:
-        # By hand: the constrained layout is at a loss with the words around a polar plot.
-        figure.set_layout_engine("none")
-        axes = figure.add_axes((0.11, 0.19, 0.78, 0.72), projection="polar")
-        assert isinstance(axes, PolarAxes)
-        for line, several in cells.items():
-            for low, high, share in _runs(several):
-                axes.bar(line.angle, high - low, width, low, color=_SHARES(share), lw=0, zorder=1)
-        draw_bound(axes, bound, fill=False)
-        angles, sizes = closed([(t.line.angle, t.size) for t in thresholds])
-        axes.plot(angles, sizes, color=INK, lw=2.2, marker="o", ms=6, label="rejected impulse", zorder=4, clip_on=False)
-        style_polar(axes, highest)
-        bar = figure.add_axes((0.25, 0.105, 0.5, 0.018))
-        scale = figure.colorbar(ScalarMappable(Normalize(0.0, 1.0), _SHARES), cax=bar, orientation="horizontal")
-        scale.ax.xaxis.set_major_formatter(PercentFormatter(1.0))
-        scale.set_label("recovered of the cell's trials", labelpad=2)
-        scale.outline.set_visible(False)
-        figure.legend(loc="lower center", bbox_to_anchor=(0.5, 0.0), ncols=2)
 
 
 def _shown(trace: Trace) -> np.ndarray:
@@ -230,15 +192,3 @@ def _push_arrow(axes: Axes, trace: Trace, place: np.ndarray) -> None:
         push_words(push), tuple(place - 0.36 * along), (0, 14), textcoords="offset points", color=INK, ha="center"
     )
     axes.update_datalim([place - 0.45 * along])
-
-
-def _runs(cells: Sequence[Cell]) -> list[tuple[float, float, float]]:
-    """Lower and upper impulse [Ns] and share, neighbouring cells of the same share as one."""
-    found = []
-    numbered = enumerate(cells)
-    for (share, _), group in groupby(
-        numbered, lambda nc: (nc[1].recovered / nc[1].trials, nc[1].impulse - 6.0 * nc[0])
-    ):
-        several = [cell.impulse for _, cell in group]
-        found.append((several[0] - 3.0 if several[0] > 6.0 else 0.0, several[-1] + 3.0, share))
-    return found

@@ -1,34 +1,15 @@
-"""Timing: what is kept and shown of a controller's time per control step."""
+"""Timing table: how long a controller takes per control step, for people and for machines."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.agents.controllers.step_times import Timing
-from surefoot.evaluation.trials import Trial, run_list
-from surefoot.physics.pushes import Push
-from surefoot.report.tables import Table
-
-ALONE = Trial(Push(impulse=60.0), seed=0)
-"""The trial in which a controller is timed with a single robot, as on the real one."""
+from surefoot.report.table import Table
 
 
-def measure(contestant: ControllerAgent) -> Timing:
-    """The times of all trials so far, and of one more with a single robot."""
-    batch = contestant.times
-    failures = ", ".join(f"{count} x {words}" for words, count in contestant.failures.most_common())
-    single = ControllerAgent(contestant.name, contestant.make, contestant.digest)
-    run_list(single, [ALONE], num_slots=1, num_threads=1)
-    alone = single.times
-    return Timing(
-        contestant.rate_hz, batch.num_steps, batch.num_missed, batch.quantile(0.5), batch.quantile(0.99),
-        alone.num_steps, alone.num_missed, alone.quantile(0.5), alone.quantile(0.99), failures,
-    )  # fmt: skip
-
-
-def timing_figures(timing: Timing) -> dict[str, float]:
-    """For `surefoot evaluate --json`."""
+def timing_metrics(timing: Timing) -> dict[str, float]:
+    """The metrics of a controller's time per control step, for `surefoot evaluate --json`."""
     return {
         "control.rate_hz": timing.rate_hz,
         "control.steps": timing.steps,
@@ -43,7 +24,7 @@ def timing_figures(timing: Timing) -> dict[str, float]:
 
 
 def timing_table(timings: Mapping[str, Timing]) -> Table:
-    """A row per controller."""
+    """How long controllers take per control step, a row per controller."""
     rows = [_row(name, timing) for name, timing in timings.items()]
     columns = [
         "controller",

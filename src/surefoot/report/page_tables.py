@@ -1,4 +1,4 @@
-"""Tables of the report beside those of `surefoot.tables`: several policies side by side, and what each trial shows."""
+"""Page tables: several policies side by side, every table of one, and what its trials show."""
 
 from __future__ import annotations
 
@@ -9,11 +9,24 @@ import numpy as np
 from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.evaluation.suites import NOISE, ROBUSTNESS
 from surefoot.evaluation.threshold_search import Threshold
-from surefoot.report import paper, tables
+from surefoot.report import paper
 from surefoot.report.evaluations import Evaluation
 from surefoot.report.metrics import share_kept
-from surefoot.report.step_timing import timing_table
-from surefoot.report.tables import Table, by_scenario, worse_of
+from surefoot.report.paper_tables import has_table_4, published_table, table_1, table_2, table_3, table_4, table_5
+from surefoot.report.policy_tables import quiet_table
+from surefoot.report.table import Table
+from surefoot.report.threshold_tables import direction_table, scenario_table, seeds_table, worst_table
+from surefoot.report.thresholds import (
+    LATERAL,
+    SAGITTAL,
+    by_scenario,
+    has_main_directions,
+    root_words,
+    scenario_words,
+    worse_of,
+)
+from surefoot.report.timing_table import timing_table
+from surefoot.robots import Robot
 
 _ROBUSTNESS_NAMES = {scenario.name for scenario in ROBUSTNESS}
 
@@ -23,12 +36,12 @@ def side_by_side(evaluations: Sequence[Evaluation]) -> list[Table]:
     found = []
     main = {e.name: e.thresholds for e in evaluations if e.has_main_directions}
     if main:
-        found.append(tables.table_1(main, evaluations[0].robot))
+        found.append(table_1(main, evaluations[0].robot))
     if len(evaluations) > 1:
         seeds = [(e.algorithm, e.thresholds) for e in evaluations]
-        found += [tables.worst_table({e.name: e.thresholds for e in evaluations}), tables.seeds_table(seeds)]
-    studied = {name: thresholds for name, thresholds in main.items() if tables.has_table_4(name, thresholds)}
-    found += [tables.table_4(studied, evaluations[0].robot), tables.published_table()]
+        found += [worst_table({e.name: e.thresholds for e in evaluations}, evaluations[0].robot), seeds_table(seeds)]
+    studied = {name: thresholds for name, thresholds in main.items() if has_table_4(name, thresholds)}
+    found += [table_4(studied, evaluations[0].robot), published_table()]
     found.append(timing_table({e.name: e.timing for e in evaluations if e.timing}))
     found += [share_kept_table(evaluations), quiet_side_by_side(evaluations)]
     return [table for table in found if table.rows]
@@ -39,10 +52,10 @@ def of_policy(evaluation: Evaluation) -> list[Table]:
     e, robot = evaluation, evaluation.robot
     pose = np.array(e.contract.nominal_pose)
     others = [t for t in e.thresholds if t.line.scenario.name not in _ROBUSTNESS_NAMES]
-    found = [tables.direction_table(e.name, e.thresholds, robot, pose)]
-    found += [tables.table_2(e.fixed), tables.table_3(e.thresholds, robot, e.steps), *tables.table_5(e.fixed, robot)]
-    found += [limits_table(e.thresholds), tables.scenario_table(e.name, others), robustness_table(e.thresholds)]
-    found += [tables.quiet_table(e.fixed), audit_table(e)]
+    found = [direction_table(e.name, e.thresholds, robot, pose)]
+    found += [table_2(e.fixed), table_3(e.thresholds, robot, e.steps), *table_5(e.fixed, robot)]
+    found += [limits_table(e.thresholds), scenario_table(e.name, others, robot), robustness_table(e.thresholds, robot)]
+    found += [quiet_table(e.fixed), audit_table(e)]
     return [table for table in found if table.rows]
 
 
@@ -72,9 +85,9 @@ def quiet_side_by_side(evaluations: Sequence[Evaluation]) -> Table:
     """Quiet standing of all policies, 60 s undisturbed."""
     rows = []
     for e in evaluations:
-        table = tables.quiet_table(e.fixed)
+        table = quiet_table(e.fixed)
         rows += [[e.name, *row] for row in table.rows]
-    blank = tables.quiet_table({})
+    blank = quiet_table({})
     return Table("Quiet standing, side by side", ["policy", "case", *blank.columns[1:]], rows, blank.note)
 
 
@@ -83,21 +96,21 @@ def limits_table(thresholds: Sequence[Threshold]) -> Table:
     found = by_scenario(thresholds)
     rows = []
     for scenario, directions, words, theirs in (
-        ("root_push_no_step", ("forward", "backward"), "without a step, sagittal", paper.WITHOUT_STEP.sagittal),
-        ("root_push_no_step", ("left", "right"), "without a step, lateral", paper.WITHOUT_STEP.lateral),
+        ("root_push_no_step", SAGITTAL, "without a step, sagittal", paper.WITHOUT_STEP.sagittal),
+        ("root_push_no_step", LATERAL, "without a step, lateral", paper.WITHOUT_STEP.lateral),
         ("landing_height", None, "drop height", paper.LANDING_HEIGHT),
         ("landing_tilt", None, "tilt, dropped from 0.4 m", paper.LANDING_TILT),
         ("combined", None, "push after a lift of 500 Ns", paper.COMBINED[1]),
     ):
         lines = found.get(scenario, {})
-        if lines and (directions is None or tables.has_main_directions(lines)):
+        if lines and (directions is None or has_main_directions(lines)):
             worst = worse_of(lines, directions or list(lines))
             rows.append([words, f"{worst.size:g}", f"{theirs:g}", worst.line.scenario.unit, *_interval(worst)])
     columns = ["", "ours", "paper", "unit", "recovered", "Wilson 95 %"]
     return Table("Without a step, landing, combined", columns, rows, "Ours: the worst direction.")
 
 
-def robustness_table(thresholds: Sequence[Threshold]) -> Table:
+def robustness_table(thresholds: Sequence[Threshold], robot: Robot) -> Table:
     """The suite `robustness`: a row per scenario, with what is kept of the undisturbed thresholds."""
     found = by_scenario(thresholds)
     clean = found.get("root_push", {})
@@ -111,7 +124,8 @@ def robustness_table(thresholds: Sequence[Threshold]) -> Table:
         sizes = [f"{lines[d].size:g}" if d in lines else "" for d in DIRECTIONS]
         rows.append([_words(scenario.name), *sizes, kept, *_interval(worst)])
     columns = ["condition", *DIRECTIONS, "kept", "recovered", "Wilson 95 %"]
-    note = "Rejected impulse at the root [Ns]. Kept: of the undisturbed one. Recovered: trials at the worst direction."
+    at = root_words(robot)
+    note = f"Rejected impulse at the {at} [Ns]. Kept: of the undisturbed one. Recovered: trials at the worst direction."
     return Table("Beyond the paper: robustness", columns, rows, note)
 
 
@@ -121,7 +135,7 @@ def audit_table(evaluation: Evaluation) -> Table:
     shares = ("torque_recovered", "speed_recovered", "torque", "speed")
     rows = [
         [
-            _words(row["scenario"]),
+            scenario_words(row["scenario"], evaluation.robot),
             *(str(row[key]) for key in counts),
             *("" if row[key] is None else f"{row[key]:.2f}" for key in shares),
         ]

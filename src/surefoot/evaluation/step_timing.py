@@ -1,0 +1,24 @@
+"""Step timing: how long a controller takes per control step, measured in its trials and once more alone."""
+
+from __future__ import annotations
+
+from surefoot.agents.controllers.controller import ControllerAgent
+from surefoot.agents.controllers.step_times import Timing
+from surefoot.evaluation.trials import Trial, run_list
+from surefoot.physics.pushes import Push
+
+ALONE = Trial(Push(impulse=60.0), seed=0)
+"""The trial in which a controller is timed with a single robot, as on the real one."""
+
+
+def measure(contestant: ControllerAgent) -> Timing:
+    """The times of all trials so far, and of one more with a single robot."""
+    batch = contestant.times
+    failures = ", ".join(f"{count} x {words}" for words, count in contestant.failures.most_common())
+    single = ControllerAgent(contestant.name, contestant.make, contestant.digest)
+    run_list(single, [ALONE], num_slots=1, num_threads=1)
+    alone = single.times
+    return Timing(
+        contestant.rate_hz, batch.num_steps, batch.num_missed, batch.quantile(0.5), batch.quantile(0.99),
+        alone.num_steps, alone.num_missed, alone.quantile(0.5), alone.quantile(0.99), failures,
+    )  # fmt: skip

@@ -1,0 +1,52 @@
+"""Policy tables: every table that the results of one policy fill, in the order in which they are printed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from surefoot.agents.agent import Named
+from surefoot.evaluation.threshold_search import Threshold
+from surefoot.report.paper_tables import has_table_4, table_1, table_2, table_3, table_4, table_5
+from surefoot.report.table import Table
+from surefoot.report.threshold_tables import direction_table, scenario_table
+from surefoot.report.thresholds import Fixed, by_scenario, has_main_directions, root_pushes
+from surefoot.robots import Robot
+
+
+def all_tables(
+    policy: Named, thresholds: Sequence[Threshold], fixed: Fixed, steps: Mapping[str, float], robot: Robot
+) -> list[Table]:
+    """Every table that one policy's results fill; `steps` as for `table_3`."""
+    found = by_scenario(thresholds)
+    found_tables: list[Table] = []
+    if "root_push" in found:
+        found_tables.append(direction_table(policy.name, thresholds, robot, np.array(policy.contract.nominal_pose)))
+    if has_main_directions(root_pushes(thresholds)):
+        found_tables.append(table_1({policy.contract.training.get("algorithm", policy.name): thresholds}, robot))
+    found_tables.append(table_2(fixed))
+    found_tables.append(table_3(thresholds, robot, steps))
+    if has_table_4(policy.name, thresholds):
+        found_tables.append(table_4({policy.name: thresholds}, robot))
+    found_tables += table_5(fixed, robot)
+    found_tables.append(quiet_table(fixed))
+    if set(found) != {"root_push"}:
+        found_tables.append(scenario_table(policy.name, thresholds, robot))
+    return [table for table in found_tables if table.rows]
+
+
+def quiet_table(fixed: Fixed) -> Table:
+    """Quiet standing: 60 s undisturbed, and from 5 s after recovered pushes on."""
+    rows = []
+    for scenario, outcomes in fixed.items():
+        if not scenario.startswith("quiet"):
+            continue
+        stood = [o for o in outcomes.values() if o.recovered]
+        values = ["", "", ""]
+        if stood:
+            drift, power = max(o.quiet_drift for o in stood), max(o.quiet_power for o in stood)
+            values = [f"{100 * drift:.1f}", f"{power:.1f}", f"{sum(o.quiet_steps for o in stood):g}"]
+        rows.append([scenario.replace("_", " "), f"{len(stood)}/{len(outcomes)}", *values])
+    columns = ["", "recovered", "CoM drift [cm]", "mean power [W]", "steps"]
+    return Table("Quiet standing", columns, rows, "Largest drift and power, and all steps, of the recovered trials.")

@@ -1,0 +1,100 @@
+"""Threshold tables: the largest disturbances that were recovered from, of one policy or of several."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from surefoot.evaluation.scenarios import readable_name
+from surefoot.evaluation.suites import PAPER
+from surefoot.evaluation.threshold_search import Threshold
+from surefoot.report import paper
+from surefoot.report.bounds import capture_point_bound
+from surefoot.report.table import Table
+from surefoot.report.thresholds import (
+    LATERAL,
+    SAGITTAL,
+    by_scenario,
+    has_main_directions,
+    root_pushes,
+    root_words,
+    scenario_words,
+    worse_of,
+)
+from surefoot.robots import Robot
+
+
+def direction_table(name: str, thresholds: Sequence[Threshold], robot: Robot, pose: np.ndarray) -> Table:
+    """Pushes of one policy at the robot's root, a row per direction."""
+    pushes = root_pushes(thresholds)
+    bounds = capture_point_bound(robot, pose, [t.line.angle for t in pushes.values()])
+    rows = [
+        [
+            t.line.name,
+            f"{t.size:g}",
+            f"{t.size / robot.mass:.2f}",
+            f"{t.recovered}/{t.trials}",
+            f"{t.low:.2f} to {t.high:.2f}",
+            f"{bound:.0f}",
+        ]
+        for t, bound in zip(pushes.values(), bounds, strict=True)
+    ]
+    columns = ["direction", "rejected [Ns]", "[Ns/kg]", "recovered", "Wilson 95 %", "eq. (6) [Ns]"]
+    return Table(f"Rejected impulse at the {root_words(robot)}: {name}", columns, rows)
+
+
+def scenario_table(name: str, thresholds: Sequence[Threshold], robot: Robot) -> Table:
+    """Every searched scenario of one policy: worst and best direction."""
+    rows = []
+    for scenario, lines in by_scenario(thresholds).items():
+        worst, best = (choose(lines.values(), key=lambda t: t.size) for choose in (min, max))
+        rows.append(
+            [
+                readable_name(scenario, robot.root),
+                f"{worst.size:g} ({worst.line.name})",
+                f"{best.size:g} ({best.line.name})",
+                worst.line.scenario.unit,
+                f"{worst.recovered}/{worst.trials}",
+                f"{worst.low:.2f} to {worst.high:.2f}",
+            ]
+        )
+    columns = ["scenario", "worst", "best", "unit", "recovered", "Wilson 95 %"]
+    return Table(f"Largest recovered disturbance: {name}", columns, rows, "Recovered trials at the worst direction.")
+
+
+def worst_table(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
+    """The worst direction of every searched scenario of the paper: a row per policy or controller."""
+    found = {name: by_scenario(thresholds) for name, thresholds in policies.items()}
+    searched = [s for s in PAPER if s.search and any(s.name in of_one for of_one in found.values())]
+    rows = []
+    for name, of_one in found.items():
+        worst = [min((t.size for t in of_one.get(s.name, {}).values()), default=None) for s in searched]
+        rows.append([name, *("" if size is None else f"{size:g}" for size in worst)])
+    columns = ["", *(f"{scenario_words(s.name, robot)} [{s.unit}]" for s in searched)]
+    note = "The largest value that holds in every direction that was tested."
+    return Table("The worst direction of every scenario", columns, rows, note)
+
+
+def seeds_table(policies: Iterable[tuple[str, Sequence[Threshold]]]) -> Table:
+    """Median and range over the policies that one algorithm learned, beside the paper's single runs.
+
+    Args:
+        policies: each one's algorithm and thresholds; an algorithm with one policy gets no row.
+    """
+    groups: dict[str, list[dict[str, Threshold]]] = {}
+    for algorithm, thresholds in policies:
+        if has_main_directions(pushes := root_pushes(thresholds)):
+            groups.setdefault(algorithm, []).append(pushes)
+    rows = []
+    for algorithm, several in groups.items():
+        if len(several) > 1:
+            row = paper.algorithm_row(algorithm)
+            cells = [algorithm, str(len(several))]
+            for plane, names in (("sagittal", SAGITTAL), ("lateral", LATERAL)):
+                sizes = [worse_of(pushes, names).size for pushes in several]
+                cells += [f"{np.median(sizes):g}", f"{min(sizes):g} to {max(sizes):g}"]
+                cells.append(f"{getattr(row, plane):g}" if row else "")
+            rows.append(cells)
+    columns = ["algorithm", "seeds", "sagittal", "range", "paper", "lateral", "range", "paper"]
+    return Table("Over seeds: rejected impulse [Ns]", columns, rows, "Median over seeds of the worse direction.")
