@@ -194,12 +194,24 @@ def standing(robot: Robot) -> StepRecord:
 
 @pytest.fixture(scope="session")
 def altered(robot: Robot) -> Callable[..., StepRecord]:
-    """StepRecord in which the named sensors read other values: `altered(ticks, com_velocity=(0, 0, 1))`."""
+    """StepRecord in which the named quantities have other values: `altered(ticks, com_velocity=(0, 0, 1))`.
+
+    A single joint's are named by it: `left_knee_pitch_torque`.
+    """
+    joints = {
+        f"{name}_{what}": (f"joint_{what}", column)
+        for column, name in enumerate(robot.joint_names)
+        for what in ("position", "velocity", "torque")
+    }
 
     def alter(ticks: StepRecord, **values: object) -> StepRecord:
         changed = ticks.copy()
-        for sensor, value in values.items():
-            changed[sensor][...] = value
+        for quantity, value in values.items():
+            if quantity in joints:
+                block, column = joints[quantity]
+                changed[block][..., column : column + 1] = value
+            else:
+                changed[quantity][...] = value
         return changed
 
     return alter
