@@ -23,6 +23,8 @@ from surefoot.physics.pushes import Push, Pushes
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import TICKS_PER_STEP
 from surefoot.robots import Robot, load_robot
+from surefoot.task.agent import Agent, Command
+from surefoot.task.control_loop import ControlLoop
 
 TOTAL_MASS = 137.287494
 """Of NASA's description [kg]."""
@@ -54,24 +56,39 @@ def pushed(
     return Trial(Push(direction=direction, impulse=impulse, **push), seed, full_length)
 
 
+class Broken(NominalAgent):
+    """Answers the same numbers for the joint targets of some robots, or raises an error."""
+
+    def __init__(self, robot: Robot, target: float = np.nan, who: int | None = None, error: Exception | None = None):
+        super().__init__(robot, "straight")
+        self.target, self.who, self.error = target, who, error
+
+    def __call__(self, inputs: np.ndarray, ids: np.ndarray) -> Command:
+        command = super().__call__(inputs, ids)
+        sick = ids == (ids if self.who is None else self.who)
+        if self.error and sick.any():
+            raise self.error
+        command.joint_target[sick] = self.target
+        return command
+
+
 class MovingPolicy(NominalAgent):
     """Moves joints by a function of the time [s] since each robot's own start; the other joints hold the pose."""
 
     def __init__(self, robot: Robot, motion: Motion, pose: str = "bent"):
         super().__init__(robot, pose)
-        self.robot = robot
         self.motion = motion
         self.steps = np.zeros(64, np.int64)
 
     def reset(self, ids: np.ndarray) -> None:
         self.steps[ids] = 0
 
-    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
-        actions = np.zeros((len(ids), self.robot.num_joints))
+    def __call__(self, inputs: np.ndarray, ids: np.ndarray) -> Command:
+        command = super().__call__(inputs, ids)
         for joint, angle in self.motion(self.steps[ids] * 0.04).items():
-            actions[:, self.robot.joint_names.index(joint)] = angle
+            command.joint_target[:, self.robot.joint_names.index(joint)] += angle
         self.steps[ids] += 1
-        return actions
+        return command
 
 
 def tiny(algorithm: str, **changes) -> TrainConfig:
@@ -125,6 +142,14 @@ def run_one(policy: NominalAgent, trial: Trial, *quantities: str) -> tuple[Outco
     trace = Trace(*quantities)
     outcomes = run_list(policy, [trial], num_slots=1, num_threads=1, on_step=trace)
     return outcomes[trial], trace
+
+
+def driven_loop(agent: Agent, num_robots: int = 1) -> ControlLoop:
+    """A loop whose robots stand in the agent's nominal pose and are driven by it."""
+    loop = ControlLoop(agent.robot, num_robots, np.array(agent.contract.nominal_pose), num_threads=1)
+    loop.prepare(agent)
+    loop.reset(np.arange(num_robots), np.tile(loop.nominal, (num_robots, 1)))
+    return loop
 
 
 def everyone(engine: MujocoEngine) -> np.ndarray:

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.agents.controllers import load_agent, shipped_controllers
+from surefoot.agents.controllers import shipped_controllers
+from surefoot.agents.load import load_agent
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenarios import Line
 from surefoot.evaluation.suites import PAPER, ROBUSTNESS

@@ -5,36 +5,36 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from conftest import pushed
+from conftest import driven_loop, pushed
 
 from surefoot.agents.controllers import load_controller, shipped_controllers
 from surefoot.agents.controllers.body import Body
 from surefoot.agents.controllers.controller import State
 from surefoot.agents.controllers.inverse_dynamics import InverseDynamics, Motion, clip_to_support, share_pressure
 from surefoot.agents.controllers.linear_mpc import CartTable, Pendulum, QuadraticPrograms
-from surefoot.agents.controllers.loop import ControllerLoop
 from surefoot.agents.controllers.stepping import Situation
 from surefoot.agents.controllers.urata2011 import FootPlacement
+from surefoot.agents.load import load_agent
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.physics.pushes import Push
 from surefoot.robots import Robot
+from surefoot.task.control_loop import ControlLoop
 
 WAYS = {"forward": (1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "backward": (-1.0, 0.0, 0.0), "right": (0.0, -1.0, 0.0)}
 
 
 @pytest.fixture(scope="module")
-def moving(robot: Robot) -> tuple[ControllerLoop, State]:
+def moving(robot: Robot) -> tuple[ControlLoop, State]:
     """Two robots in the air in different poses, leaning, with joints on the move."""
-    loop, ids = ControllerLoop(load_controller("controllers/stand"), robot, 2, 1), np.arange(2)
+    loop, ids = driven_loop(load_controller("controllers/stand", robot), 2), np.arange(2)
     noise = np.random.default_rng(0).uniform(-0.3, 0.3, (2, robot.num_joints))
     loop.reset(ids, robot.pose("bent") + noise, height=1.0, roll=0.2, pitch=-0.1)
-    loop.begin(ids)
-    loop.drive(ids)
-    return loop, loop._state(ids)
+    loop.drive()
+    return loop, loop.inputs(ids)
 
 
-def test_the_body_is_the_measured_robot(robot: Robot, moving: tuple[ControllerLoop, State]) -> None:
+def test_the_body_is_the_measured_robot(robot: Robot, moving: tuple[ControlLoop, State]) -> None:
     _, state = moving
     body = Body(robot, 2)
     body.update(state)
@@ -47,7 +47,7 @@ def test_the_body_is_the_measured_robot(robot: Robot, moving: tuple[ControllerLo
     assert [np.flatnonzero(moves[foot, 6:]).tolist() for foot in (0, 1)] == [[1, 2, 3, 4, 5], [6, 7, 8, 9, 10]]
 
 
-def test_the_equations_of_motion_are_mujocos(robot: Robot, moving: tuple[ControllerLoop, State]) -> None:
+def test_the_equations_of_motion_are_mujocos(robot: Robot, moving: tuple[ControlLoop, State]) -> None:
     _, state = moving
     body = Body(robot, 2)
     body.update(state)
@@ -83,12 +83,10 @@ def test_two_feet_share_a_pressure_centre_as_a_lever_does() -> None:
 
 
 def test_standing_torques_carry_the_weight_at_the_pressure_centre(robot: Robot) -> None:
-    loop, ids = ControllerLoop(load_controller("controllers/ankle"), robot, 1, 1), np.array([0])
-    loop.reset(ids, robot.pose("bent")[None])
-    loop.begin(ids)
+    loop = driven_loop(load_controller("controllers/ankle", robot))
     for _ in range(25):
-        ticks = loop.drive(ids)
-    state = loop._state(ids)
+        ticks = loop.drive()
+    state = loop.inputs(np.array([0]))
     dynamics = InverseDynamics(robot, 1)
     dynamics.body.update(state)
     center = state.sole_position[..., :2].mean(axis=1)
@@ -173,7 +171,7 @@ def pushes(name: str, impulses: dict[str, float], seeds: range) -> dict[Trial, O
         for way, impulse in impulses.items()
         for seed in seeds
     ]
-    return run_list(load_controller(name), trials, num_slots=len(trials), num_threads=1)
+    return run_list(load_agent(name), trials, num_slots=len(trials), num_threads=1)
 
 
 @pytest.mark.parametrize("name", shipped_controllers())
@@ -216,7 +214,7 @@ def test_a_robots_bits_do_not_depend_on_its_neighbours(name: str) -> None:
     trials = [pushed(66.0, 0, way, full_length=False) for way in (WAYS["forward"], WAYS["left"])]
 
     def run(num_slots: int) -> dict[Trial, str]:
-        found = run_list(load_controller(name), trials, num_slots=num_slots, num_threads=1)
+        found = run_list(load_agent(name), trials, num_slots=num_slots, num_threads=1)
         return {trial: repr(outcome) for trial, outcome in found.items()}
 
     assert run(2) == run(1)

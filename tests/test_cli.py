@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot.agents.contract import Contract
 from surefoot.agents.load import shipped_policies
 from surefoot.agents.policy_file import network_bytes
 from surefoot.cli.evaluate import chosen_scenarios
 from surefoot.cli.main import COMMANDS
 from surefoot.robots import load_robot
+from surefoot.task.contract import Contract
 
 
 def surefoot(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.cli.shown_trial import push_trial, scenario_trial
 from surefoot.cli.video import Picture, Video
@@ -101,7 +102,7 @@ def test_trials_are_told_in_words():
 
 def test_the_push_in_the_air_is_drawn_when_it_comes(needs_opengl):
     trial = scenario_trial("combined", "forward", 300.0, 0)
-    recording = record(NominalAgent(), trial)
+    recording = record(NominalAgent(usual_robot()), trial)
     with Renderer(recording.robot, 320, 240) as canvas:
         lift, push = (draw_moment(canvas, trial, recording.at(time)) for time in (0.1, 0.3))
     orange = [((p >= (200, 50, 0)) & (p <= (255, 140, 60))).all(axis=-1) for p in (lift, push)]
@@ -111,7 +112,7 @@ def test_the_push_in_the_air_is_drawn_when_it_comes(needs_opengl):
 
 
 def test_a_clip_replays_what_was_played_with_its_push(needs_opengl, tmp_path):
-    session, recorder = Session(NominalAgent(), 1), ClipRecorder()
+    session, recorder = Session(NominalAgent(usual_robot()), 1), ClipRecorder()
     session.push(horizontal_push("root", 0.0, 120.0))
     for _ in range(4):
         session.step()

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import pushed
+from conftest import driven_loop, pushed
 
-from surefoot.agents.controllers import load_agent, load_controller, shipped_controllers
+from surefoot.agents.controllers import load_controller, shipped_controllers
 from surefoot.agents.controllers.controller import Command, ControllerAgent, State
-from surefoot.agents.controllers.loop import ControllerLoop
 from surefoot.agents.controllers.step_times import StepTimes, Timing
+from surefoot.agents.load import load_agent, usual_robot
 from surefoot.errors import UserError
 from surefoot.evaluation.replay import differences, find_policy, replay
 from surefoot.evaluation.results import Results, key_of
@@ -23,6 +23,7 @@ from surefoot.physics.pushes import Drop
 from surefoot.physics.step_record import StepRecord
 from surefoot.report.timing_table import timing_metrics, timing_table
 from surefoot.robots import Robot
+from surefoot.task.control_loop import ControlLoop
 from surefoot.task.imperfections import Imperfections
 
 ROOT = Path(__file__).parent.parent
@@ -43,7 +44,7 @@ def contestant(answer: Answer, rate_hz: int = 100, path: str = "hold") -> Contro
             return answer(state, ids, np.tile(self.pose, (len(ids), 1)))
 
     Answering.rate_hz, Answering.path = rate_hz, path  # type: ignore[attr-defined]
-    return ControllerAgent("answering", Answering, "0" * 64)
+    return ControllerAgent("answering", Answering, "0" * 64, usual_robot())
 
 
 def stand(state: State, ids: np.ndarray, pose: np.ndarray) -> Command:
@@ -52,12 +53,11 @@ def stand(state: State, ids: np.ndarray, pose: np.ndarray) -> Command:
 
 def driven(
     entrant: ControllerAgent, robot: Robot, num_steps: int = 1, **start: float
-) -> tuple[ControllerLoop, list[StepRecord]]:
+) -> tuple[ControlLoop, list[StepRecord]]:
     """A loop of one robot after some policy steps, and their ticks."""
-    loop, ids = ControllerLoop(entrant, robot, 1, 1), np.array([0])
-    loop.reset(ids, robot.pose("bent")[None], **start)
-    loop.begin(ids)
-    return loop, [loop.drive(ids).copy() for _ in range(num_steps)]
+    loop = driven_loop(entrant)
+    loop.reset(np.array([0]), robot.pose("bent")[None], **start)
+    return loop, [loop.drive().copy() for _ in range(num_steps)]
 
 
 def short(trial: Trial, horizon: float = 1.5) -> Trial:
@@ -171,11 +171,9 @@ def _offset(seed: int) -> int:
 def test_sensor_bias_is_in_the_state_as_in_a_policys_observation(robot: Robot) -> None:
     seen: list[State] = []
     entrant = contestant(lambda state, ids, pose: seen.append(state) or Command(pose))  # type: ignore[func-returns-value]
-    loop, ids = ControllerLoop(entrant, robot, 1, 1), np.array([0])
-    loop.reset(ids, robot.pose("bent")[None])
+    loop = driven_loop(entrant)
     loop.spoil(0, Imperfections(sensor_bias=0.1), seed=3)
-    loop.begin(ids)
-    loop.drive(ids)
+    loop.drive()
     error = seen[0].joint_position[0] - robot.pose("bent")
     # 0.1 of a joint angle's typical deviation of 0.3 rad, as the seed draws it.
     expected = 0.03 * np.random.default_rng(3).spawn(3)[0].standard_normal(47)[:11]
@@ -184,12 +182,10 @@ def test_sensor_bias_is_in_the_state_as_in_a_policys_observation(robot: Robot) -
 
 def test_latency_holds_targets_back_by_its_ticks(robot: Robot) -> None:
     moved = contestant(lambda state, ids, pose: Command(pose + 0.05 * (state.time[:, None] >= 0.04)))
-    loop, ids = ControllerLoop(moved, robot, 1, 1), np.array([0])
-    loop.reset(ids, robot.pose("bent")[None])
+    loop = driven_loop(moved)
     loop.spoil(0, Imperfections(latency=0.012), seed=0)
-    loop.begin(ids)
-    loop.drive(ids)
-    loop.drive(ids)
+    loop.drive()
+    loop.drive()
     knee = robot.joint_names.index("left_knee_pitch")
     late = loop.engine.joint_targets[0, :, knee] - robot.pose("bent")[knee]
     # 12 ms are six ticks, although a control step has only five.
@@ -237,7 +233,7 @@ def test_a_wrong_shape_fails_all_the_trials_of_the_call() -> None:
 
 
 def test_a_controller_that_never_answers_is_broken_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("surefoot.agents.controllers.loop.PATIENCE_S", 0.005)  # 0.1 s a call
+    monkeypatch.setattr("surefoot.task.guard.PATIENCE_S", 0.005)  # 0.1 s a call
 
     def hang(state: State, ids: np.ndarray, pose: np.ndarray) -> Command:
         while True:
@@ -285,7 +281,7 @@ def test_an_unknown_controller_is_refused(name: str, message: str) -> None:
         ("class Other: rate_hz = 100", "{} has no class 'Mine'"),
         ("class Mine: rate_hz = 60", "{}:Mine must have a rate_hz of 25, 50, 100, 125, 250, 500, not 60"),
         ("class Mine: pass", "{}:Mine must have a rate_hz of 25, 50, 100, 125, 250, 500, not None"),
-        ("class Mine:\n rate_hz = 50\n path = 'zigzag'", "{}:Mine's path must be hold or line, not zigzag"),
+        ("class Mine:\n rate_hz = 50\n path = 'zigzag'", "{}:Mine's path must be cubic or line or hold, not zigzag"),
     ],
 )
 def test_a_file_that_holds_no_controller_is_refused(tmp_path: Path, code: str, message: str) -> None:
@@ -297,7 +293,7 @@ def test_a_file_that_holds_no_controller_is_refused(tmp_path: Path, code: str, m
 
 
 def test_controllers_have_names_contracts_and_digests_of_their_own(robot: Robot) -> None:
-    found = [load_controller(name) for name in shipped_controllers()]
+    found = [load_controller(name, robot) for name in shipped_controllers()]
     assert len({entrant.digest for entrant in found}) == len(found) == 7
     for entrant in found:
         assert entrant.contract.nominal_pose == tuple(robot.pose("bent"))
@@ -323,7 +319,7 @@ def test_the_example_holds_pushes_that_the_pose_alone_does_not() -> None:
 
 
 def test_a_controllers_trial_is_replayed_bit_for_bit_alone(tmp_path: Path) -> None:
-    entrant = load_controller("controllers/ankle")
+    entrant = load_agent("controllers/ankle")
     trials = [dataclasses.replace(pushed(48.0, 0, full_length=False)), Trial(seed=1, drop=Drop(0.2), full_length=False)]
     outcomes = run_list(entrant, trials, num_slots=2, num_threads=1)
     with Results(tmp_path / "r.sqlite") as results:
@@ -338,7 +334,7 @@ def test_a_controllers_trial_is_replayed_bit_for_bit_alone(tmp_path: Path) -> No
 
 def test_times_per_control_step_are_kept_shown_and_given_to_machines(tmp_path: Path) -> None:
     timing = Timing(250, 1000, 3, 8.4e-05, 0.0021, 2760, 12, 0.0009, 0.0044, "2 x not finite")
-    entrant = load_controller("controllers/stand")
+    entrant = load_agent("controllers/stand")
     with Results(tmp_path / "r.sqlite") as results:
         assert results.timing(key_of(entrant)) is None
         results.add_timing(entrant, timing)

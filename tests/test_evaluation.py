@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import an_outcome
 
+from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation import threshold_search as climb
@@ -60,7 +61,7 @@ class Memory(dict):
 
 def threshold_where(fails: Fails, line: Line = FORWARD) -> tuple[float, KnownOutcomes]:
     store = KnownOutcomes(fails)
-    (threshold,) = find_thresholds(NominalAgent(), [line], store, num_slots=1)
+    (threshold,) = find_thresholds(NominalAgent(usual_robot()), [line], store, num_slots=1)
     return threshold.size, store
 
 
@@ -177,14 +178,14 @@ def test_no_trial_is_asked_for_twice() -> None:
     ],
 )
 def test_a_threshold_says_what_stopped_it(fails: Fails, limited_by: str) -> None:
-    (threshold,) = find_thresholds(NominalAgent(), [FORWARD], KnownOutcomes(fails), num_slots=1)
+    (threshold,) = find_thresholds(NominalAgent(usual_robot()), [FORWARD], KnownOutcomes(fails), num_slots=1)
     assert threshold.limited_by == limited_by
     assert (threshold.trials, threshold.recovered) == (40, 40)
 
 
 def test_the_whole_trials_at_a_threshold_can_be_read_again() -> None:
     store = KnownOutcomes(lambda cell, seed, whole: cell > 20 or seed == 3)
-    (threshold,) = find_thresholds(NominalAgent(), [FORWARD], store, num_slots=1)
+    (threshold,) = find_thresholds(NominalAgent(usual_robot()), [FORWARD], store, num_slots=1)
     outcomes = full_length_outcomes(threshold, store)
     assert [outcome.recovered for outcome in outcomes] == [seed != 3 for seed in range(40)]
 
@@ -252,7 +253,7 @@ def rough(cell: int, seed: int, whole: bool) -> bool:
 
 @pytest.mark.parametrize("num_slots", [1, 7, 192])
 def test_looking_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch, num_slots: int) -> None:
-    (expected,) = find_thresholds(NominalAgent(), [FORWARD], KnownOutcomes(rough), num_slots=1)
+    (expected,) = find_thresholds(NominalAgent(usual_robot()), [FORWARD], KnownOutcomes(rough), num_slots=1)
     assert 0.0 < expected.size < 240.0
     for look_ahead in (1, 3):
         monkeypatch.setattr(climb, "LOOK_AHEAD", look_ahead)
@@ -325,7 +326,7 @@ def test_a_search_that_is_taken_up_again_repeats_nothing_and_ends_alike() -> Non
 
 def test_holding_the_nominal_pose_rejects_what_its_own_trials_say() -> None:
     """At the threshold found, 40 fresh runs of the whole trials recover as often as reported."""
-    policy, backward = NominalAgent(pose="straight"), Scenario("short", horizon=3.0).lines()[2]
+    policy, backward = NominalAgent(usual_robot(), "straight"), Scenario("short", horizon=3.0).lines()[2]
     (threshold,) = find_thresholds(policy, [backward], num_slots=32)
     assert 0.0 < threshold.size < 60.0
     cell = round(threshold.size / backward.grid)
@@ -337,7 +338,9 @@ def test_holding_the_nominal_pose_rejects_what_its_own_trials_say() -> None:
 def test_a_scenario_without_a_search_runs_exactly_its_trials() -> None:
     fixed = Scenario("hard", search="", impulse=400.0, directions=("left", 30.0), trials=2)
     store, told = Memory(), []
-    thresholds = run_scenarios(NominalAgent(), [fixed], store, lambda *progress: told.append(progress[:2]), num_slots=4)
+    thresholds = run_scenarios(
+        NominalAgent(usual_robot()), [fixed], store, lambda *progress: told.append(progress[:2]), num_slots=4
+    )
     assert thresholds == []
     assert set(store) == {trial for line in fixed.lines() for trial in line.fixed_trials()}
     assert sorted((round(trial.push.direction[0], 3), trial.seed) for trial in store) == [
@@ -351,7 +354,7 @@ def test_a_scenario_without_a_search_runs_exactly_its_trials() -> None:
 
 
 def test_scenarios_of_different_worlds_run_each_in_its_own() -> None:
-    policy = NominalAgent()
+    policy = NominalAgent(usual_robot())
     strong, weak = (
         Scenario(name, search="", impulse=400.0, directions=1, trials=1, motor_strength=strength)
         for name, strength in (("strong", 1.0), ("weak", 0.5))
@@ -371,4 +374,4 @@ def test_a_trial_for_another_world_is_refused() -> None:
     with pytest.raises(
         UserError, match=r"a trial has other domain parameters than this batch's, DomainParameters\(friction=1.0"
     ):
-        run_list(NominalAgent(), [trial], num_slots=1, num_threads=1)
+        run_list(NominalAgent(usual_robot()), [trial], num_slots=1, num_threads=1)

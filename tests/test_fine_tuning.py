@@ -37,7 +37,7 @@ def fine_tuning(config: TrainConfig, file: Path, folder: Path, **changes) -> Tra
 
 def acts(policy: NetworkAgent) -> np.ndarray:
     observations = np.random.default_rng(0).normal(scale=0.3, size=(50, 47))
-    return policy(observations, np.arange(50))
+    return policy.actions(observations)
 
 
 def test_a_run_after_a_policy_begins_with_its_actions_and_its_record(

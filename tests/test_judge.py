@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import MovingPolicy, an_outcome, lean, pushed, run_one, squat
+from conftest import Broken, MovingPolicy, an_outcome, lean, pushed, run_one, squat
 
+from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.outcome import Outcome, joint_groups
 from surefoot.evaluation.trial_monitor import TrialMonitor
@@ -27,7 +28,9 @@ GROUPS = ("torso_pitch", "hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "
 
 
 def test_the_nominal_pose_recovers_from_nothing() -> None:
-    outcome = run_list(NominalAgent(pose="straight"), [pushed(0.0, 3)], num_slots=1, num_threads=1)[pushed(0.0, 3)]
+    outcome = run_list(NominalAgent(usual_robot(), "straight"), [pushed(0.0, 3)], num_slots=1, num_threads=1)[
+        pushed(0.0, 3)
+    ]
     assert (outcome.recovered, outcome.reason) == (True, "recovered")
     assert outcome.com_speed < 0.01
     assert outcome.foot_shift < 0.03
@@ -39,7 +42,7 @@ def test_the_nominal_pose_recovers_from_nothing() -> None:
 @pytest.mark.parametrize("direction", [FORWARD, LEFT, (-1.0, 0.0, 0.0)])
 def test_the_nominal_pose_falls_from_400_newton_seconds(direction: tuple) -> None:
     trial = pushed(400.0, 0, direction)
-    outcome, trace = run_one(NominalAgent(pose="straight"), trial, "non_foot_contact", "com_height")
+    outcome, trace = run_one(NominalAgent(usual_robot(), "straight"), trial, "non_foot_contact", "com_height")
     assert (outcome.recovered, outcome.reason, outcome.without_step) == (False, "fell", False)
     # 400 Ns / 137 kg = 2.9 m/s over a height of 1.1 m: down within about a second, and judged at once.
     assert 0.3 < outcome.seconds < 1.2
@@ -70,36 +73,41 @@ def test_a_policy_that_ends_up_leaning_is_tilted(robot: Robot) -> None:
     assert (upright.recovered, upright.reason) == (True, "recovered")
 
 
-class NanPolicy(NominalAgent):
-    """Gives NaN to the robot in one slot, or to all."""
-
-    def __init__(self, robot: Robot, slot: int | None):
-        super().__init__(robot, "straight")
-        self.slot = slot
-
-    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
-        actions = super().__call__(observations, ids)
-        actions[ids == self.slot if self.slot is not None else slice(None)] = np.nan
-        return actions
-
-
-@pytest.mark.usefixtures("in_scratch_folder")
-def test_a_policy_that_gives_nan_to_one_robot_diverges_there_and_nowhere_else(robot: Robot) -> None:
+def test_a_policy_that_gives_nan_to_one_robot_fails_there_and_nowhere_else(robot: Robot) -> None:
     trials = [pushed(200.0, seed) for seed in range(3)]
-    broken = run_list(NanPolicy(robot, slot=1), trials, num_slots=3, num_threads=1)
+    broken = run_list(Broken(robot, who=1), trials, num_slots=3, num_threads=1)
     whole = run_list(NominalAgent(robot, "straight"), trials, num_slots=3, num_threads=1)
-    assert (broken[trials[1]].recovered, broken[trials[1]].reason) == (False, "diverged")
+    assert (broken[trials[1]].recovered, broken[trials[1]].reason) == (False, "not finite")
     for trial in (trials[0], trials[2]):
         assert repr(broken[trial]) == repr(whole[trial])
 
 
+def test_every_trial_of_a_policy_that_gives_nan_fails_in_its_first_policy_step(robot: Robot) -> None:
+    trials = [pushed(200.0, seed, whole=False) for seed in range(3)]
+    outcomes = run_list(Broken(robot), trials, num_slots=1, num_threads=1)
+    assert [outcomes[trial].reason for trial in trials] == ["not finite"] * 3
+    # 20 ticks after the start, which is 500 to 519 ticks before the push.
+    assert all(-1.0 < outcomes[trial].seconds <= -0.96 for trial in trials)
+
+
+@pytest.mark.usefixtures("in_scratch_folder")
+def test_a_robot_that_diverges_ends_its_trial_and_no_other(robot: Robot) -> None:
+    policy = NominalAgent(robot, "straight")
+    trials = [pushed(200.0, 0), pushed(1e12, 1), pushed(200.0, 2)]
+    outcomes = run_list(policy, trials, num_slots=3, num_threads=1)
+    assert (outcomes[trials[1]].recovered, outcomes[trials[1]].reason) == (False, "diverged")
+    alone = run_list(policy, [trials[0], trials[2]], num_slots=2, num_threads=1)
+    for trial in (trials[0], trials[2]):
+        assert repr(outcomes[trial]) == repr(alone[trial])
+
+
 @pytest.mark.usefixtures("in_scratch_folder")
 def test_every_trial_in_a_slot_that_diverges_again_is_diverged(robot: Robot) -> None:
-    trials = [pushed(200.0, seed, full_length=False) for seed in range(3)]
-    outcomes = run_list(NanPolicy(robot, slot=None), trials, num_slots=1, num_threads=1)
+    trials = [pushed(1e12, seed, full_length=False) for seed in range(3)]
+    outcomes = run_list(NominalAgent(robot, "straight"), trials, num_slots=1, num_threads=1)
     assert [outcomes[trial].reason for trial in trials] == ["diverged"] * 3
-    # In their first policy step: 20 ticks after the start, which is 500 to 519 ticks before the push.
-    assert all(-1.0 < outcomes[trial].seconds <= -0.96 for trial in trials)
+    # In the policy step in which the push begins.
+    assert all(0.0 <= outcomes[trial].seconds <= 0.04 for trial in trials)
 
 
 # The numbers of an outcome against the trial's own ticks.

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.replay import check_setup, differences, replay
@@ -39,7 +40,7 @@ def test_the_old_file_is_left_as_it_is_and_its_copy_is_named_and_used(
     for _ in range(2):
         with open_results(path) as results:
             assert results.path == tmp_path / "old-schema3.sqlite"
-            assert len(results.outcomes(key_of(NominalAgent()))._known) == 7
+            assert len(results.outcomes(key_of(NominalAgent(usual_robot())))._known) == 7
         line = f"surefoot: {path} is a results table of version 2; its copy in version 3 is used: {results.path}\n"
         assert capsys.readouterr().err == line
     assert path.read_bytes() == content
@@ -59,7 +60,7 @@ def test_where_no_file_can_be_written_the_copy_is_in_memory(tmp_path: Path, monk
 
 
 def test_trials_of_the_last_setup_count_as_todays_and_are_the_same_when_run_again(tmp_path: Path) -> None:
-    agent = NominalAgent()
+    agent = NominalAgent(usual_robot())
     with open_results(old_table(tmp_path)) as results:
         rows = [results.row(row_id) for row_id in range(1, 8)]
         assert results.finished_scenarios(agent) == {"root_push", "two", "own_word"}
@@ -86,7 +87,7 @@ def test_old_words_become_todays(tmp_path: Path) -> None:
 
 
 def test_an_unknown_setup_is_shown_and_reported_but_not_gone_on_with(tmp_path: Path) -> None:
-    path, agent = old_table(tmp_path, "0" * 64), NominalAgent()
+    path, agent = old_table(tmp_path, "0" * 64), NominalAgent(usual_robot())
     with open_results(path) as results:
         row = results.row(1)
         assert results.trials_of(agent).get(row.trial) is None

@@ -14,13 +14,13 @@ import sys
 from pathlib import Path
 import numpy as np
 import surefoot
+from surefoot.agents.load import load_agent
 from surefoot.evaluation.evaluate import push_lines
-from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.trials import run_list
 
 assert Path(surefoot.__file__).is_relative_to(sys.prefix), surefoot.__file__
 trial = push_lines()[0].trial(1, 0, full_length=True)
-assert run_list(NominalAgent(), [trial], num_slots=1)[trial].recovered
+assert run_list(load_agent("nominal"), [trial], num_slots=1)[trial].recovered
 assert "torch" not in sys.modules
 """
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Broken
 from PIL import Image
 
 from surefoot.agents.load import load_policy
-from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.viewer import browser
 from surefoot.viewer.page import Page
@@ -201,27 +201,28 @@ def test_a_file_that_is_no_policy_is_named_and_the_page_stays_up(tab, page, tmp_
     assert until(lambda: page.player.session.num_steps > steps + 10)
 
 
-class NotFinite(NominalAgent):
-    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
-        return np.full((len(observations), 11), np.nan)
-
-
-class Broken(NominalAgent):
-    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
-        raise RuntimeError("a wheel came off")
-
-
 def test_a_policy_that_returns_nan_is_named_and_the_page_stays_up(tab, page):
-    page.player.do(lambda session: session.set_policy(NotFinite()))
+    page.player.do(lambda session: session.set_policy(Broken(session.robot)))
     tab.get_by_text("returned numbers that are not finite").first.wait_for()
     steps = page.player.session.num_steps
     assert until(lambda: page.player.session.num_steps > steps + 10)
 
 
-def test_a_policy_that_raises_stops_the_robots_but_not_the_page(tab, page, capfd):
-    page.player.do(lambda session: session.set_policy(Broken()))
+def test_a_policy_that_raises_is_named_and_the_page_stays_up(tab, page):
+    error = RuntimeError("a wheel came off")
+    page.player.do(lambda session: session.set_policy(Broken(session.robot, error=error)))
+    tab.get_by_text("raised an error (RuntimeError: a wheel came off)").first.wait_for()
+    steps = page.player.session.num_steps
+    assert until(lambda: page.player.session.num_steps > steps + 10)
+
+
+def test_an_error_of_the_session_stops_the_robots_but_not_the_page(tab, page, capfd):
+    def break_down() -> None:
+        raise RuntimeError("a wheel came off")
+
+    page.player.do(lambda session: setattr(session, "step", break_down))
     tab.get_by_text("stopped by an error: RuntimeError: a wheel came off").first.wait_for()
-    page.player.do(lambda session: session.set_policy(load_policy("trpo")))
+    page.player.do(lambda session: delattr(session, "step"))
     press(tab, "Pause")
     steps = page.player.session.num_steps
     assert until(lambda: page.player.session.num_steps > steps + 10)

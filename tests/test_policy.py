@@ -11,7 +11,6 @@ import numpy as np
 import onnx
 import pytest
 
-from surefoot.agents.contract import Contract
 from surefoot.agents.load import load_policy, shipped_policies
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
@@ -19,6 +18,7 @@ from surefoot.agents.policy_file import network_bytes
 from surefoot.errors import UserError
 from surefoot.robots import Robot
 from surefoot.task import observation
+from surefoot.task.contract import Contract
 
 SIZES = (47, 10, 7, 11)
 
@@ -78,10 +78,23 @@ def test_a_policy_file_computes_what_its_layers_do(contract: Contract, squash: b
     policy = NetworkAgent(network_bytes(layers, mean, std, squash, contract), "mine")
     observations = np.random.default_rng(2).normal(size=(20, 47))
     expected = forward(layers, mean, std, squash, observations)
-    actions = policy(observations, np.arange(20))
+    actions = policy.actions(observations)
     np.testing.assert_allclose(actions, expected, rtol=0, atol=1e-5)
     if not squash:
         assert np.abs(expected).max() > 1.0  # the output is linear
+
+
+def test_joint_targets_are_the_clipped_and_scaled_actions_around_the_nominal_pose(contract: Contract) -> None:
+    policy = NetworkAgent(policy_file(contract), "mine")
+    observations = 30.0 * np.random.default_rng(4).normal(size=(20, 47))
+    actions = policy.actions(observations)
+    assert actions.dtype == np.float32
+    command = policy(observations, np.arange(20))
+    # The contract's action scale is 0.5 rad.
+    expected = np.array(contract.nominal_pose) + 0.5 * np.clip(actions.astype(np.float64), -1.0, 1.0)
+    np.testing.assert_array_equal(command.joint_target, expected)
+    assert command.joint_torque is None
+    assert (policy.rate_hz, policy.path, policy.inputs) == (25, "cubic", "observation")
 
 
 def test_a_single_layer_is_linear_and_normalised(contract: Contract) -> None:
@@ -94,14 +107,14 @@ def test_a_single_layer_is_linear_and_normalised(contract: Contract) -> None:
     # 2 * (2.5 - 0.5) / 4 + 0.25 = 1.25
     expected = np.full((1, 11), 0.25)
     expected[0, 3] = 1.25
-    np.testing.assert_allclose(policy(observations, np.array([0])), expected, rtol=1e-6)
+    np.testing.assert_allclose(policy.actions(observations), expected, rtol=1e-6)
 
 
 def test_a_policy_acts_on_each_robot_by_itself(contract: Contract) -> None:
     policy = NetworkAgent(policy_file(contract), "mine")
     observations = np.random.default_rng(5).normal(size=(9, 47))
-    together = policy(observations, np.arange(9))
-    one_by_one = np.concatenate([policy(observations[i : i + 1], np.array([i])) for i in range(9)])
+    together = policy(observations, np.arange(9)).joint_target
+    one_by_one = np.concatenate([policy(observations[i : i + 1], np.array([i])).joint_target for i in range(9)])
     np.testing.assert_allclose(together, one_by_one, rtol=0, atol=1e-6)
     assert np.ptp(together, axis=0).min() > 1e-3
 
@@ -143,11 +156,13 @@ def test_a_contract_for_this_robot_is_honoured(robot: Robot, contract: Contract)
 
 
 def test_the_nominal_policy_asks_for_its_pose_and_nothing_else(robot: Robot) -> None:
-    policy = NominalAgent(pose="straight")
+    policy = NominalAgent(robot, "straight")
     assert policy.name == "nominal-straight"
     assert policy.contract.nominal_pose == (0.0,) * 11
     observations = np.random.default_rng(0).normal(size=(3, 47))
-    np.testing.assert_array_equal(policy(observations, np.arange(3)), np.zeros((3, 11)))
+    command = policy(observations, np.arange(3))
+    np.testing.assert_array_equal(command.joint_target, np.zeros((3, 11)))
+    assert command.joint_torque is None
     assert policy.digest != NominalAgent(robot, "bent").digest
     assert policy.digest == NominalAgent(robot, "straight").digest
 
@@ -174,7 +189,7 @@ import sys
 import numpy as np
 from surefoot.policy import load_policy
 from surefoot.trials import run_list
-actions = load_policy({str(file)!r})(np.zeros((1, 47)), np.array([0]))
+actions = load_policy({str(file)!r}).actions(np.zeros((1, 47)))
 assert actions.shape == (1, 11) and np.isfinite(actions).all()
 learners = [name for name in ("torch", "stable_baselines3", "sb3_contrib") if name in sys.modules]
 print(learners)
@@ -204,7 +219,7 @@ def test_a_shipped_policy_is_loaded_by_its_name_and_acts(robot: Robot, name: str
     policy = load_policy(name)
     assert policy.name == name
     assert policy.contract.check() is robot
-    actions = policy(np.random.default_rng(0).normal(size=(4, 47)), np.arange(4))
+    actions = policy.actions(np.random.default_rng(0).normal(size=(4, 47)))
     assert actions.shape == (4, 11)
     assert np.isfinite(actions).all()
     assert np.ptp(actions, axis=0).max() > 0.01

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot.agents.load import load_policy, shipped_policies
+from surefoot.agents.load import load_policy, shipped_policies, usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation import replay
@@ -61,10 +61,10 @@ def test_a_network_gives_the_same_bits_in_every_batch(num_rows: int) -> None:
     """What a replay rests on: onnxruntime promises nothing of the kind."""
     policy = load_policy(NETWORK)
     observations = np.random.default_rng(0).standard_normal((192, 47))
-    whole = policy(observations, np.arange(192))
+    whole = policy.actions(observations)
     for first in (0, 1):
         some = slice(first, first + num_rows)
-        assert (policy(observations[some], np.arange(num_rows)) == whole[some]).all()
+        assert (policy.actions(observations[some]) == whole[some]).all()
 
 
 def test_every_row_comes_out_again_alone(table: Path) -> None:
@@ -123,7 +123,7 @@ def test_another_setup_is_refused(table: Path, tmp_path: Path) -> None:
 
 def test_a_policy_is_found_by_its_digest_and_another_one_is_refused(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    shipped, nominal = load_policy(NETWORK), NominalAgent(pose="straight")
+    shipped, nominal = load_policy(NETWORK), NominalAgent(usual_robot(), "straight")
     assert replay.find_policy("it", shipped.digest).digest == shipped.digest
     assert replay.find_policy("it", nominal.digest).name == "nominal-straight"
     with pytest.raises(

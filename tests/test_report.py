@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from surefoot.agents.agent import Policy
-from surefoot.agents.contract import Contract
+from surefoot.agents.load import usual_robot
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import network_bytes
@@ -34,6 +33,8 @@ from surefoot.report.table import Table
 from surefoot.report.threshold_tables import direction_table, scenario_table
 from surefoot.report.traces import Trace, run_traces
 from surefoot.robots import Robot
+from surefoot.task.agent import Agent
+from surefoot.task.contract import Contract
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
@@ -50,7 +51,7 @@ def outcomes() -> dict[str, Outcome]:
     trials = {scenario.name: scenario.lines()[0].fixed_trials()[0] for scenario in FIXED}
     for scenario in SEARCHED:
         trials[scenario.name] = scenario.lines()[0].trial(round(SIZES[scenario.name] / 6.0), 0, full_length=True)
-    found = run_list(NominalAgent(), trials.values())
+    found = run_list(NominalAgent(usual_robot()), trials.values())
     return {name: found[trial] for name, trial in trials.items()}
 
 
@@ -63,7 +64,7 @@ def learned(robot: Robot) -> NetworkAgent:
     return NetworkAgent(data, "trpo <b>&0")
 
 
-def fill(path: Path, policy: Policy, outcomes: dict[str, Outcome], size_factor: float = 1.0) -> Path:
+def fill(path: Path, policy: Agent, outcomes: dict[str, Outcome], size_factor: float = 1.0) -> Path:
     """A results table as an evaluation leaves it, but for trials that only cost time."""
     with Results(path) as results:
         store = results.trials_of(policy)
@@ -87,7 +88,7 @@ def fill(path: Path, policy: Policy, outcomes: dict[str, Outcome], size_factor: 
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory, outcomes: dict[str, Outcome]) -> Path:
-    return fill(tmp_path_factory.mktemp("results") / "nominal.sqlite", NominalAgent(), outcomes)
+    return fill(tmp_path_factory.mktemp("results") / "nominal.sqlite", NominalAgent(usual_robot()), outcomes)
 
 
 @pytest.fixture(scope="module")
@@ -201,7 +202,9 @@ def test_what_cannot_be_drawn_is_left_out_with_a_note(report: Report) -> None:
 def test_the_drawn_trials_are_the_stored_ones(table: Path) -> None:
     (evaluation,) = read_evaluations([table])
     assert set(evaluation.cases) == {*SINGLE, LARGEST, SHANK}
-    traces = run_traces(NominalAgent(), {name: evaluation.cases[name].trial for name in ("lateral_78", "sagittal_240")})
+    traces = run_traces(
+        NominalAgent(usual_robot()), {name: evaluation.cases[name].trial for name in ("lateral_78", "sagittal_240")}
+    )
     for name, trace in traces.items():
         assert differences(evaluation.cases[name].outcome, trace.outcome) == []
         assert len(trace.strategies.steps) == trace.outcome.steps
@@ -237,7 +240,7 @@ def test_the_same_evaluation_twice_is_refused(table: Path, tmp_path: Path) -> No
 
 
 def test_results_of_one_fixed_scenario_make_a_page(tmp_path: Path, outcomes: dict[str, Outcome]) -> None:
-    policy, scenario = NominalAgent(), Scenario("mine", search="", directions=1, trials=1)
+    policy, scenario = NominalAgent(usual_robot()), Scenario("mine", search="", directions=1, trials=1)
     with Results(tmp_path / "r.sqlite") as results:
         store = results.trials_of(policy)
         store.put(scenario.lines()[0].fixed_trials()[0], outcomes["lateral_78"], "mine")

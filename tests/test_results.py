@@ -16,6 +16,7 @@ import pyarrow.parquet
 import pytest
 from conftest import an_outcome
 
+from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import find_thresholds
@@ -42,7 +43,7 @@ SHORT = Scenario("short", horizon=2.0, quiet_from=1.0)
 
 
 def test_an_outcome_comes_back_as_it_was(tmp_path: Path) -> None:
-    path, policy = tmp_path / "r.sqlite", NominalAgent()
+    path, policy = tmp_path / "r.sqlite", NominalAgent(usual_robot())
     with Results(path) as results:
         results.trials_of(policy).put(TRIAL, OUTCOME)
     with Results(path) as results:
@@ -88,12 +89,12 @@ def test_no_two_trials_share_a_text() -> None:
 
 def test_another_policys_trials_are_not_its_own(tmp_path: Path) -> None:
     with Results(tmp_path / "r.sqlite") as results:
-        results.trials_of(NominalAgent(pose="bent")).put(TRIAL, OUTCOME)
-        assert results.trials_of(NominalAgent(pose="straight")).get(TRIAL) is None
+        results.trials_of(NominalAgent(usual_robot(), "bent")).put(TRIAL, OUTCOME)
+        assert results.trials_of(NominalAgent(usual_robot(), "straight")).get(TRIAL) is None
 
 
 def test_a_row_is_enough_to_run_its_trial_again(tmp_path: Path) -> None:
-    policy = NominalAgent()
+    policy = NominalAgent(usual_robot())
     trial = Trial(Push("torso", (0.0, 1.0, 0.0), 300.0, lever=0.32), seed=7)
     outcome = run_list(policy, [trial], num_slots=1)[trial]
     with Results(tmp_path / "r.sqlite") as results:
@@ -112,7 +113,7 @@ def test_a_row_is_enough_to_run_its_trial_again(tmp_path: Path) -> None:
 
 
 def test_an_evaluation_that_is_done_runs_nothing_when_done_again(tmp_path: Path) -> None:
-    policy, lines = NominalAgent(pose="straight"), SHORT.lines()[2:3]
+    policy, lines = NominalAgent(usual_robot(), "straight"), SHORT.lines()[2:3]
     trials_done = []
     for _ in range(2):
         with Results(tmp_path / "r.sqlite") as results:
@@ -134,7 +135,7 @@ def a_threshold(scenario: Scenario, line: int, size: float, trials: int = 40) ->
 
 
 def test_thresholds_of_every_unit_come_back_from_a_file_as_they_were(tmp_path: Path) -> None:
-    policy = NominalAgent()
+    policy = NominalAgent(usual_robot())
     tilt = Scenario("landing_tilt", search="tilt", drop=0.4, directions=("left", 30.0))
     late = Scenario("late", preceding_impulse=60.0, push_interval=(0.3, 2.0), friction=0.5, latency=0.02)
     kept = [a_threshold(tilt, 1, 5.0), a_threshold(tilt, 0, 3.0), a_threshold(late, 3, 0.0, trials=0)]
@@ -149,7 +150,7 @@ def test_thresholds_of_every_unit_come_back_from_a_file_as_they_were(tmp_path: P
 
 
 def test_fixed_outcomes_are_those_of_the_scenarios_that_were_run(tmp_path: Path) -> None:
-    policy = NominalAgent()
+    policy = NominalAgent(usual_robot())
     quiet, other = (Scenario(name, search="", directions=2, trials=2) for name in ("quiet", "other"))
     other = replace(other, impulse=6.0)
     with Results(tmp_path / "r.sqlite") as results:
@@ -186,12 +187,14 @@ def test_a_policy_learned_anew_under_the_same_name_is_not_mixed_with_the_old_one
 
 
 def test_the_audit_is_the_largest_share_of_all_trials(tmp_path: Path) -> None:
-    policy = NominalAgent()
+    policy = NominalAgent(usual_robot())
     with Results(tmp_path / "r.sqlite") as results:
         store = results.trials_of(policy)
         store.put(Trial(seed=0), an_outcome(torque_ratio=0.4, speed_ratio=0.9))
         store.put(Trial(seed=1), an_outcome(torque_ratio=0.8, speed_ratio=0.1))
-        results.trials_of(NominalAgent(pose="straight")).put(Trial(), an_outcome(torque_ratio=1.0, speed_ratio=1.0))
+        results.trials_of(NominalAgent(usual_robot(), "straight")).put(
+            Trial(), an_outcome(torque_ratio=1.0, speed_ratio=1.0)
+        )
         assert results.audit(policy) == (0.8, 0.9)
 
 
@@ -202,11 +205,11 @@ def test_a_killed_evaluation_loses_at_most_the_last_moment_and_goes_on(tmp_path:
     """Kill the process with SIGKILL in the middle: what it had committed is there and is not run again."""
     path = tmp_path / "r.sqlite"
     script = (
-        "from surefoot.agents.nominal import NominalAgent\n"
+        "from surefoot.agents.load import load_agent\n"
         "from surefoot.evaluation.evaluate import find_thresholds\n"
         "from surefoot.evaluation.results import Results\n"
         "from surefoot.evaluation.scenarios import Scenario\n"
-        f"policy = NominalAgent(); results = Results({str(path)!r})\n"
+        f"policy = load_agent('nominal'); results = Results({str(path)!r})\n"
         "lines = Scenario('short', horizon=2.0, quiet_from=1.0).lines()[2:3]\n"
         "find_thresholds(policy, lines, results.trials_of(policy), num_slots=8, num_threads=1)\n"
     )
@@ -220,7 +223,7 @@ def test_a_killed_evaluation_loses_at_most_the_last_moment_and_goes_on(tmp_path:
         process.wait()
     before = _num_trials(path)
     assert before >= 10
-    policy, done = NominalAgent(), []
+    policy, done = NominalAgent(usual_robot()), []
     with Results(path) as results:
         store = results.trials_of(policy)
         find_thresholds(policy, SHORT.lines()[2:3], store, lambda *_: done.append(1), num_slots=32)
@@ -233,7 +236,7 @@ def test_a_killed_evaluation_loses_at_most_the_last_moment_and_goes_on(tmp_path:
 
 
 def test_tables_are_exported_to_csv_and_parquet(tmp_path: Path) -> None:
-    policy = NominalAgent()
+    policy = NominalAgent(usual_robot())
     trials = [Trial(Push(impulse=impulse), seed=0, full_length=False) for impulse in (0.0, 6.0)]
     outcomes = run_list(policy, trials, num_slots=2)
     with Results(tmp_path / "r.sqlite") as results:
@@ -256,7 +259,9 @@ def test_tables_are_exported_to_csv_and_parquet(tmp_path: Path) -> None:
 
 def test_a_lift_has_no_angle(tmp_path: Path) -> None:
     with Results(tmp_path / "r.sqlite") as results:
-        results.trials_of(NominalAgent()).put(Trial(Push(direction=(0.0, 0.0, 1.0), impulse=50.0)), OUTCOME)
+        results.trials_of(NominalAgent(usual_robot())).put(
+            Trial(Push(direction=(0.0, 0.0, 1.0), impulse=50.0)), OUTCOME
+        )
     with sqlite3.connect(tmp_path / "r.sqlite") as db:
         assert db.execute("SELECT angle_deg FROM trials").fetchall() == [(None,)]
 
@@ -288,13 +293,13 @@ def test_a_table_of_another_version_is_refused_and_kept(tmp_path: Path, version:
 def test_a_truncated_table_is_refused_and_kept(tmp_path: Path, share: float) -> None:
     path = tmp_path / "r.sqlite"
     with Results(path) as results:
-        store = results.trials_of(NominalAgent())
+        store = results.trials_of(NominalAgent(usual_robot()))
         for seed in range(200):
             store.put(Trial(seed=seed), OUTCOME)
     content = path.read_bytes()[: int(share * path.stat().st_size)]
     path.write_bytes(content)
     with pytest.raises(UserError, match="as a results table"), Results(path) as results:
-        results.trials_of(NominalAgent())
+        results.trials_of(NominalAgent(usual_robot()))
     assert path.read_bytes() == content
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import an_outcome
 
+from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
@@ -76,7 +77,7 @@ def test_every_scenario_runs() -> None:
     outcomes: dict[Trial, Outcome] = {}
     for domain in {trial.domain for trial in trials.values()}:
         batch = {trial for trial in trials.values() if trial.domain == domain}
-        outcomes |= run_list(NominalAgent(), batch, num_slots=len(batch), domain=domain)
+        outcomes |= run_list(NominalAgent(usual_robot()), batch, num_slots=len(batch), domain=domain)
     for outcome in outcomes.values():
         assert outcome.seconds <= 2.0
         assert 0.0 < outcome.torque_ratio <= 1.0

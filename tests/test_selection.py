@@ -10,7 +10,6 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from surefoot.agents.contract import Contract
 from surefoot.agents.load import load_policy
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
@@ -24,6 +23,7 @@ from surefoot.learning.probe import FIRST_SEED, probe
 from surefoot.learning.sb3 import SB3VecEnv
 from surefoot.learning.selection import files, judge, means, shipped_bytes
 from surefoot.robots import load_robot
+from surefoot.task.contract import Contract
 from surefoot.task.environment import PushRecoveryVectorEnv
 
 

@@ -6,8 +6,9 @@ import time
 
 import numpy as np
 import pytest
+from conftest import Broken
 
-from surefoot.agents.load import load_policy
+from surefoot.agents.load import load_policy, usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.physics.pushes import Push, horizontal_push
@@ -195,19 +196,25 @@ def test_noise_on_the_observation_is_what_the_filter_lets_pass_and_can_be_switch
     assert noisy.loop.observation == pytest.approx(exact.loop.observation, abs=1e-9)
 
 
-class NotFinite(NominalAgent):
-    """A policy that has lost its mind."""
-
-    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
-        return np.full((len(observations), len(self.contract.joints)), np.nan)
-
-
-def test_a_policy_that_returns_nan_is_named_and_the_robot_holds_its_pose(robot):
-    session = Session(NotFinite(robot), 1)
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (None, "returned numbers that are not finite"),
+        (RuntimeError("a wheel came off"), "raised an error (RuntimeError: a wheel came off)"),
+    ],
+)
+def test_a_policy_that_fails_is_named_once_and_the_robot_holds_its_pose(robot, error, words):
+    session = Session(Broken(robot, error=error), 1)
     live(session, 0.4)
-    assert session.message == "policy nominal-bent returned numbers that are not finite; its nominal pose holds"
+    assert session.message == f"policy nominal-straight {words}; the joints hold their last targets"
     assert np.isfinite(session.ticks.record).all()
     assert states(session) == [State.STANDING]
+    session.message = ""
+    live(session, 0.2)
+    assert session.message == ""
+    session.reset()
+    session.step()
+    assert words in session.message
 
 
 def test_a_simulation_that_explodes_starts_anew(session, in_scratch_folder):
@@ -223,7 +230,7 @@ def test_another_policy_takes_over_in_the_middle(session):
     session.push(horizontal_push("root", 0.0, 24.0))
     live(session, 0.2)
     before = root(session)
-    session.set_policy(NominalAgent())
+    session.set_policy(NominalAgent(usual_robot()))
     session.step()
     assert np.abs(root(session) - before).max() < 0.05
     assert (session.loop.nominal == session.robot.pose("bent")).all()

@@ -17,7 +17,7 @@ def scipy_reference(signal: np.ndarray) -> np.ndarray:
 
 def test_the_low_pass_equals_scipys_filter_over_many_blocks() -> None:
     signal = RNG.normal(size=(3, 10 * BLOCK, 47)) * 10.0
-    low_pass = LowPass(3, 47, BLOCK, sample_hz=500.0)
+    low_pass = LowPass(3, 47, sample_hz=500.0)
     low_pass.reset(np.arange(3), signal[:, 0])
     expected = scipy_reference(signal)
     for block in range(10):
@@ -29,14 +29,14 @@ def test_the_low_pass_equals_scipys_filter_over_many_blocks() -> None:
 
 def test_the_low_pass_of_single_ticks_equals_scipys_filter_at_every_tick() -> None:
     signal = RNG.normal(size=(2, 50, 3))
-    low_pass = LowPass(2, 3, 1, sample_hz=500.0)
+    low_pass = LowPass(2, 3, sample_hz=500.0)
     low_pass.reset(np.arange(2), signal[:, 0])
     outputs = np.stack([low_pass([signal[:, k : k + 1]]).copy() for k in range(50)], axis=1)
     np.testing.assert_allclose(outputs, scipy_reference(signal), rtol=0, atol=1e-12)
 
 
 def test_the_low_pass_stays_where_a_constant_signal_starts_it() -> None:
-    low_pass = LowPass(2, 2, BLOCK, sample_hz=500.0)
+    low_pass = LowPass(2, 2, sample_hz=500.0)
     constant = np.array([[3.0, -700.0], [0.1, 1e-3]])
     low_pass.reset(np.arange(2), constant)
     for _ in range(5):
@@ -49,7 +49,7 @@ def test_the_low_pass_passes_3_db_less_at_its_cutoff(hz: float, gain: float) -> 
     # First-order Butterworth by the bilinear transform: |H| = 1 / sqrt(1 + (tan(pi f / fs) / tan(pi fc / fs))^2);
     # at 1 Hz the ratio is 0.1 -> 0.995; at 100 Hz 0.72654 / 0.062915 = 11.548 -> 0.08627.
     time = np.arange(5000) / 500.0
-    low_pass = LowPass(1, 1, 1, sample_hz=500.0)
+    low_pass = LowPass(1, 1, sample_hz=500.0)
     low_pass.reset(np.array([0]), np.zeros((1, 1)))
     output = np.array([low_pass([np.full((1, 1, 1), np.sin(2 * np.pi * hz * t))])[0, 0] for t in time])
     settled = output[2500:]  # whole periods of all three
@@ -59,21 +59,21 @@ def test_the_low_pass_passes_3_db_less_at_its_cutoff(hz: float, gain: float) -> 
 def test_the_low_pass_of_some_robots_leaves_the_others_alone() -> None:
     start = RNG.normal(size=(4, 3))
     signal = RNG.normal(size=(2, BLOCK, 3))
-    low_pass = LowPass(4, 3, BLOCK, sample_hz=500.0)
+    low_pass = LowPass(4, 3, sample_hz=500.0)
     low_pass.reset(np.arange(4), start)
     ids = np.array([2, 0])
     output = low_pass([signal], ids)
     np.testing.assert_array_equal(low_pass.output[[1, 3]], start[[1, 3]])
     np.testing.assert_array_equal(low_pass.output[ids], output)
     # As if the two had been alone, in this order.
-    alone = LowPass(2, 3, BLOCK, sample_hz=500.0)
+    alone = LowPass(2, 3, sample_hz=500.0)
     alone.reset(np.arange(2), start[ids])
     np.testing.assert_array_equal(alone([signal]), output)
 
 
 def test_a_reset_forgets_one_robots_past_only() -> None:
     signal = RNG.normal(size=(2, BLOCK, 1))
-    low_pass = LowPass(2, 1, BLOCK, sample_hz=500.0)
+    low_pass = LowPass(2, 1, sample_hz=500.0)
     low_pass([signal])
     kept = low_pass.output[0].copy()
     low_pass.reset(np.array([1]), np.array([[5.0]]))

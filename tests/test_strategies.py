@@ -4,16 +4,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from conftest import driven_loop
 from scipy.spatial.transform import Rotation
 
-from surefoot.agents.agent import Policy
 from surefoot.agents.load import load_policy
 from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.strategies import HABIT, Step, Strategies, StrategyWatch
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import Robot
-from surefoot.task.control_loop import ControlLoop
+from surefoot.task.agent import Agent
 
 FORWARD, BACKWARD, LEFT = (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 EVERYONE = np.array([0])
@@ -233,19 +233,18 @@ def test_strategies_in_words() -> None:
 # Real robots.
 
 
-def watch_pushes(policy: Policy, robot: Robot, pushes: list[tuple[tuple[float, float, float], float]]) -> StrategyWatch:
+def watch_pushes(policy: Agent, robot: Robot, pushes: list[tuple[tuple[float, float, float], float]]) -> StrategyWatch:
     """Pushes (direction, impulse [Ns]) at the root after one second, watched for five more, one robot each."""
     num_robots, ids = len(pushes), np.arange(len(pushes))
-    contract = policy.contract
-    loop = ControlLoop(robot, num_robots, np.array(contract.nominal_pose), contract.action_scale, num_threads=1)
+    loop = driven_loop(policy, num_robots)
     watch = StrategyWatch(robot, num_robots)
-    watch.reset(ids, loop.reset(ids, np.tile(loop.nominal, (num_robots, 1))))
+    watch.reset(ids, loop.engine.read(ids))
     impulses = np.array([impulse * np.array(direction) for direction, impulse in pushes])
     start = np.full(num_robots, CONTROL_HZ + 7)
     loop.pushes.schedule(ids, 0, np.full(num_robots, robot.body_id("root")), impulses, start, 0.12)
     for _ in range(6 * CONTROL_HZ // TICKS_PER_STEP):
         first = loop.tick[:, None].copy()
-        ticks = loop.step(policy(loop.observation, ids), ids)
+        ticks = loop.drive()
         watch.update(ids, ticks, first + np.arange(TICKS_PER_STEP) >= start[:, None])
     return watch
 

@@ -10,6 +10,7 @@ import pytest
 from conftest import an_outcome
 from rich.console import Console
 
+from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.evaluate import run_scenarios
 from surefoot.evaluation.outcome import Outcome, joint_groups
@@ -205,7 +206,7 @@ def test_scenarios_of_a_users_own_directions_fit_into_no_table_of_the_paper(robo
         for name in ("root_push", "root_push_no_step", "torso_push")
         for line in Scenario(name, directions=(45.0,)).lines()
     ]
-    titles = [table.title for table in all_tables(NominalAgent(), thresholds, {}, {}, robot)]
+    titles = [table.title for table in all_tables(NominalAgent(usual_robot()), thresholds, {}, {}, robot)]
     assert [title.split(":")[0] for title in titles] == [
         "Rejected impulse at the pelvis", "Largest recovered disturbance"
     ]  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.trials import Trial, run_list
@@ -31,13 +32,13 @@ STAY = Trial(Push(impulse=24.0), seed=3, full_length=False)
 @pytest.fixture(scope="module")
 def fall() -> Recording:
     """The nominal pose does not survive 240 Ns."""
-    return record(NominalAgent(), FALL)
+    return record(NominalAgent(usual_robot()), FALL)
 
 
 @pytest.fixture(scope="module")
 def stay() -> Recording:
     """The nominal pose survives 24 Ns."""
-    return record(NominalAgent(), STAY)
+    return record(NominalAgent(usual_robot()), STAY)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +71,7 @@ def orange(picture: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", ["fall", "stay"])
 def test_the_recorded_trial_has_the_outcome_of_the_evaluated_one(name, request):
     recording = request.getfixturevalue(name)
-    assert recording.outcome == run_list(NominalAgent(), [recording.trial], num_slots=1)[recording.trial]
+    assert recording.outcome == run_list(NominalAgent(usual_robot()), [recording.trial], num_slots=1)[recording.trial]
     assert recording.outcome.recovered == (name == "stay")
 
 
@@ -118,7 +119,7 @@ def test_a_capture_point_is_within_a_square_up_to_its_border(fall):
 
 def test_frames_that_do_not_divide_the_ticks_are_refused():
     with pytest.raises(UserError, match="cannot record 30 frames per second; valid: 1, 2, 4, 5, 10, 20, 25, 50, 100"):
-        record(NominalAgent(), FALL, fps=30)
+        record(NominalAgent(usual_robot()), FALL, fps=30)
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,50 @@
-"""Agents by name: shipped policies, policy files, run folders, controllers."""
+"""Load: agents by name, which are shipped policies, policy files, run folders, the nominal pose, and controllers."""
 
 from __future__ import annotations
 
+import functools
 import importlib.resources
 from pathlib import Path
 
+from surefoot.agents.controllers import PREFIX, load_controller
 from surefoot.agents.network import NetworkAgent
+from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import SUFFIX
 from surefoot.errors import UserError
+from surefoot.robots import Robot
+from surefoot.task.agent import Agent
 
+NOMINAL = "nominal"
+"""The name of the agent that holds the robot's default pose."""
 BEST = {"best": "ddpg"}
 """The shipped policy that rejects most has this name too."""
+
+
+def load_agent(name: str, robot: Robot | None = None) -> Agent:
+    """Load whoever is meant by a name: `controllers/NAME`, `FILE.py:CLASS`, "nominal", or a policy.
+
+    Args:
+        name: as a user gives it.
+        robot: the robot to be driven; without it, the one that a policy was learned for, and for all others that of
+            the shipped policy "best".
+
+    Raises:
+        UserError: there is none of this name, it cannot be run, or it is a policy for another robot.
+    """
+    if name.startswith(PREFIX) or ".py:" in name:
+        return load_controller(name, robot or usual_robot())
+    if name == NOMINAL:
+        return NominalAgent(robot or usual_robot())
+    policy = load_policy(name)
+    if robot and policy.robot.fingerprint != robot.fingerprint:
+        raise UserError(f"{name} is a policy for {policy.robot.name}, not for {robot.name}")
+    return policy
+
+
+@functools.cache
+def usual_robot() -> Robot:
+    """The robot of the shipped policy "best"."""
+    return load_policy("best").robot
 
 
 def shipped_policies() -> tuple[str, ...]:

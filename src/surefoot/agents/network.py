@@ -1,4 +1,4 @@
-"""Policy: filtered observation in, action out, at 25 Hz; and the file that carries one without torch or pickle.
+"""Networks: filtered observation in, joint targets out, at 25 Hz.
 
 A policy file is one ONNX network. Its metadata holds the `Contract` as JSON: all that a stranger needs to run it on
 the robot. The observation's normalisation is inside the network.
@@ -10,11 +10,14 @@ import hashlib
 
 import numpy as np
 
-from surefoot.agents.contract import METADATA_KEY, Contract
+from surefoot.agents.observing import ObservingAgent
+from surefoot.agents.policy_file import METADATA_KEY
 from surefoot.errors import UserError
+from surefoot.task.agent import Command
+from surefoot.task.contract import Contract
 
 
-class NetworkAgent:
+class NetworkAgent(ObservingAgent):
     """A policy read from a file, run by onnxruntime.
 
     Args:
@@ -41,15 +44,17 @@ class NetworkAgent:
         if text is None:
             raise UserError(f"{source} is not a surefoot policy: its metadata has no '{METADATA_KEY}'")
         try:
-            self.contract = Contract.from_json(text)
+            contract = Contract.from_json(text)
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise UserError(f"{source} has a policy contract that cannot be read: {error}") from error
-        self.robot = self.contract.check()
+        super().__init__(contract)
+        self.robot = contract.check()
         self.name = name
         self.digest = hashlib.sha256(data).hexdigest()
         self._data = data
         self._check_sizes(source)
         self._input = self._session.get_inputs()[0].name
+        self._nominal = np.array(contract.nominal_pose)
 
     def _check_sizes(self, source: str) -> None:
         expected = [len(self.contract.observations)], [len(self.contract.joints)]
@@ -76,8 +81,12 @@ class NetworkAgent:
         tensors = {tensor.name: numpy_helper.to_array(tensor).copy() for tensor in graph.initializer}
         return [(tensors[f"weight_{i}"], tensors[f"bias_{i}"]) for i in range(len(tensors) // 2)]
 
-    def reset(self, ids: np.ndarray) -> None:
-        """A feed-forward network remembers nothing."""
-
-    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    def actions(self, observations: np.ndarray) -> np.ndarray:
+        """Actions (n, num_joints) float32 for filtered observations (n, num_observations), as an environment's `step`
+        takes them: joint targets in units of `action_scale`, counted from the nominal pose, not clipped."""
         return self._session.run(None, {self._input: np.asarray(observations, np.float32)})[0]
+
+    def __call__(self, inputs: np.ndarray, ids: np.ndarray) -> Command:
+        """Joint targets for the filtered observations (n, num_observations) of robots `ids` (n,)."""
+        actions = np.clip(np.asarray(self.actions(inputs), np.float64), -1.0, 1.0)
+        return Command(self._nominal + self.contract.action_scale * actions)

@@ -6,21 +6,27 @@ import hashlib
 
 import numpy as np
 
-from surefoot.agents.contract import Contract
-from surefoot.robots import Robot, load_robot
+from surefoot.agents.observing import ObservingAgent
+from surefoot.robots import Robot
+from surefoot.task.agent import Command
+from surefoot.task.contract import Contract
 
 
-class NominalAgent:
-    """Holds the nominal pose by the joint impedance alone: the least that any policy has to beat."""
+class NominalAgent(ObservingAgent):
+    """Holds a nominal pose by the joint impedance alone: the least that any policy has to beat.
 
-    def __init__(self, robot: Robot | None = None, pose: str = "bent", action_scale: float = 1.0):
-        robot = robot or load_robot()
+    Args:
+        robot: the robot that it holds up.
+        pose: name of the pose; without it, the robot's default one.
+    """
+
+    def __init__(self, robot: Robot, pose: str = ""):
+        pose = pose or robot.default_pose
+        super().__init__(Contract.of(robot, pose, 1.0))
+        self.robot = robot
         self.name = f"nominal-{pose}"
-        self.contract = Contract.of(robot, pose, action_scale)
-        self.digest = hashlib.sha256(self.contract.to_json().encode()).hexdigest()
+        self.digest = hashlib.sha256(self.contract.assumptions().encode()).hexdigest()
 
-    def reset(self, ids: np.ndarray) -> None:
-        """Nothing to forget."""
-
-    def __call__(self, observations: np.ndarray, ids: np.ndarray) -> np.ndarray:
-        return np.zeros((len(observations), len(self.contract.joints)))
+    def __call__(self, inputs: np.ndarray, ids: np.ndarray) -> Command:
+        """Answer the pose for each of the robots `ids` (n,), whatever is observed."""
+        return Command(np.tile(self.contract.nominal_pose, (len(ids), 1)))

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from surefoot.agents.contract import METADATA_KEY, Contract
+from surefoot.task.contract import Contract
 
 SUFFIX = ".onnx"
+METADATA_KEY = "surefoot"
+"""Of a policy file's metadata, under which its contract stands."""
 
 
 def network_bytes(

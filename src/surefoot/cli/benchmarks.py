@@ -150,7 +150,7 @@ def policy_step(repeats: int = 3000) -> dict[str, float]:
     """Median time of one policy step of one robot: low-pass filter and network [us]."""
     policy = standing_network()
     num_observations = len(policy.contract.observations)
-    low_pass = LowPass(1, num_observations, TICKS_PER_STEP, CONTROL_HZ)
+    low_pass = LowPass(1, num_observations, CONTROL_HZ)
     signal = np.random.default_rng(0).standard_normal((1, TICKS_PER_STEP, num_observations))
     robot = np.array([0])
     times = [_timed(lambda: policy(low_pass([signal]), robot)) for _ in range(repeats)]
@@ -186,9 +186,9 @@ def live_page(num_robots: int, seconds: float) -> dict[str, float]:
 
 def standing_network() -> NetworkAgent:
     """A new network of the paper's size that holds the nominal pose: as fast as any trained one."""
-    from surefoot.agents.contract import Contract
     from surefoot.agents.policy_file import network_bytes
     from surefoot.robots import load_robot
+    from surefoot.task.contract import Contract
 
     robot = load_robot()
     sizes = [len(observation.component_names(robot)), 100, 50, 25, robot.num_joints]

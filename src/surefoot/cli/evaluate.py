@@ -15,12 +15,12 @@ from surefoot.cli.terminal import evaluation_bar, results_console, write_json
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
-    from surefoot.agents.agent import Named
     from surefoot.agents.controllers.step_times import Timing
     from surefoot.evaluation.evaluate import Evaluated
     from surefoot.evaluation.scenarios import Scenario
     from surefoot.report.thresholds import Fixed
     from surefoot.robots import Robot
+    from surefoot.task.agent import Agent
 
 
 @dataclass(frozen=True)
@@ -79,22 +79,22 @@ def evaluate_policy(
     Returns:
         Its metrics.
     """
-    from surefoot.agents.controllers import load_agent
     from surefoot.agents.controllers.controller import ControllerAgent
+    from surefoot.agents.load import load_agent
     from surefoot.evaluation.evaluate import evaluate_and_store
     from surefoot.evaluation.results import Results, key_of
     from surefoot.evaluation.step_timing import measure
     from surefoot.report.metrics import flat_metrics
     from surefoot.report.timing_table import timing_metrics
-    from surefoot.robots import load_robot
 
     agent = load_agent(name)
-    robot, pose = load_robot(agent.contract.robot), np.array(agent.contract.nominal_pose)
+    robot, pose = agent.robot, np.array(agent.contract.nominal_pose)
     with Results(path) as results:
         with evaluation_bar(sum(len(scenario.lines()) for scenario in scenarios)) as show:
             done = evaluate_and_store(agent, scenarios, results, show)
-        if isinstance(agent, ControllerAgent) and agent.times.num_steps:
-            results.add_timing(agent, measure(agent))
+        controller = ControllerAgent.among(agent)
+        if controller and controller.times.num_steps:
+            results.add_timing(agent, measure(controller))
         timing = results.timing(key_of(agent))
         if export:
             results.export("thresholds", export)
@@ -107,7 +107,7 @@ def evaluate_policy(
 
 
 def _print_tables(
-    agent: Named,
+    agent: Agent,
     done: Evaluated,
     fixed: Fixed,
     timing: Timing | None,

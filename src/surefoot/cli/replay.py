@@ -11,9 +11,8 @@ import tyro
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from surefoot.agents.agent import Policy
-    from surefoot.agents.controllers.controller import ControllerAgent
     from surefoot.evaluation.trials import Trial
+    from surefoot.task.agent import Agent
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class Replay:
         if found:
             sys.exit(1)
 
-    def _show(self, policy: Policy | ControllerAgent, trial: Trial, output: Console) -> None:
+    def _show(self, policy: Agent, trial: Trial, output: Console) -> None:
         if not (self.video or self.picture):
             return
         from surefoot.rendering.film import save_video

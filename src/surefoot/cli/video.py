@@ -12,9 +12,8 @@ from surefoot.cli.shown_trial import push_trial, scenario_trial
 from surefoot.cli.terminal import console
 
 if TYPE_CHECKING:
-    from surefoot.agents.agent import Policy
-    from surefoot.agents.controllers.controller import ControllerAgent
     from surefoot.evaluation.trials import Trial
+    from surefoot.task.agent import Agent
 
 
 @dataclass(frozen=True)
@@ -109,8 +108,8 @@ class Picture(_Shown):
         console.print(f"picture: {self.out} ({', '.join(r.outcome.reason for r in recordings)})", soft_wrap=True)
 
 
-def named_policy(name: str) -> Policy | ControllerAgent:
+def named_policy(name: str) -> Agent:
     """A policy or controller as a user names it."""
-    from surefoot.agents.controllers import load_agent
+    from surefoot.agents.load import load_agent
 
     return load_agent(name)

@@ -8,13 +8,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from surefoot.agents.agent import Policy
-from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.results import Results, TrialStore
 from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario
 from surefoot.evaluation.threshold_search import FixedTrials, Threshold, ThresholdSearch, TrialRequest
 from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
+from surefoot.task.agent import Agent
 
 __all__ = ["DIRECTIONS", "Line", "Store", "Threshold", "find_thresholds", "push_lines", "run_scenarios"]
 
@@ -41,7 +40,7 @@ def push_lines(num_directions: int = 4) -> list[Line]:
 
 
 def run_scenarios(
-    policy: Policy | ControllerAgent,
+    policy: Agent,
     scenarios: Iterable[Scenario],
     store: Store | None = None,
     on_progress: OnProgress | None = None,
@@ -67,7 +66,7 @@ def run_scenarios(
 
 
 def find_thresholds(
-    policy: Policy | ControllerAgent,
+    policy: Agent,
     lines: Sequence[Line],
     store: Store | None = None,
     on_progress: OnProgress | None = None,
@@ -96,7 +95,7 @@ class Evaluated:
 
 
 def evaluate_and_store(
-    agent: Policy | ControllerAgent,
+    agent: Agent,
     scenarios: Sequence[Scenario],
     results: Results,
     on_progress: OnProgress | None = None,

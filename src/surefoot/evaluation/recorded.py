@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.agents.agent import Policy
-from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trials import Trial, TrialSource, draws, run_trials
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ
+from surefoot.task.agent import Agent
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +31,7 @@ class RecordedTrial:
     begin: int
 
 
-def record_trials(
-    agent: Policy | ControllerAgent, trials: Iterable[Trial], num_threads: int = 0
-) -> dict[Trial, RecordedTrial]:
+def record_trials(agent: Agent, trials: Iterable[Trial], num_threads: int = 0) -> dict[Trial, RecordedTrial]:
     """Run trials of one agent, those in the same domain as one batch, and keep all their ticks."""
     different = list(dict.fromkeys(trials))
     recorded: dict[Trial, RecordedTrial] = {}

@@ -10,10 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from surefoot.agents.agent import Policy
-from surefoot.agents.controllers import PREFIX, load_agent
-from surefoot.agents.controllers.controller import ControllerAgent
-from surefoot.agents.load import load_policy, shipped_policies
+from surefoot.agents.controllers import PREFIX
+from surefoot.agents.load import load_agent, load_policy, shipped_policies, usual_robot
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import SUFFIX
@@ -22,13 +20,13 @@ from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.results import Row
 from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.trials import run_list
-from surefoot.robots import load_robot
+from surefoot.task.agent import Agent
 
 RUNS = Path("runs")
 """Where a policy is looked for beside the package: `surefoot train` and `reproduce` write here."""
 
 
-def find_policy(name: str, digest: str, given: str | Path | None = None) -> Policy | ControllerAgent:
+def find_policy(name: str, digest: str, given: str | Path | None = None) -> Agent:
     """The policy or controller of this digest: the given one, or else among the shipped ones, the nominal pose and
     `runs/`.
 
@@ -53,8 +51,8 @@ def find_policy(name: str, digest: str, given: str | Path | None = None) -> Poli
         if controller.digest == digest:
             return controller
         raise UserError(f"{name} was another one: its digest was {digest[:12]}, now it is {controller.digest[:12]}")
-    for pose in load_robot().poses:
-        nominal = NominalAgent(pose=pose)
+    for pose in usual_robot().poses:
+        nominal = NominalAgent(usual_robot(), pose)
         if nominal.digest == digest:
             return nominal
     for data, place in _policy_files():
@@ -89,7 +87,7 @@ def check_setup(setup: Setup, what: str) -> None:
         raise UserError(f"{what} cannot be run again as it was: {', '.join(found)}")
 
 
-def replay(row: Row, policy: Policy | ControllerAgent) -> Outcome:
+def replay(row: Row, policy: Agent) -> Outcome:
     """Run the row's trial again, alone; it had up to 191 neighbours."""
     trial = row.trial
     return run_list(policy, [trial], num_slots=1, num_threads=1, domain=trial.domain)[trial]

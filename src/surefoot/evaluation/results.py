@@ -17,7 +17,6 @@ from types import TracebackType
 from typing import Any
 
 import surefoot
-from surefoot.agents.agent import Named
 from surefoot.agents.controllers.step_times import Timing
 from surefoot.errors import UserError, notice
 from surefoot.evaluation import results_export
@@ -43,6 +42,7 @@ from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial
+from surefoot.task.agent import Agent
 
 COMMIT_S = 0.5
 """At most this much work is lost when the process is killed."""
@@ -115,12 +115,12 @@ class Results:
         self._db.commit()
         self._db.close()
 
-    def trials_of(self, policy: Named) -> TrialStore:
+    def trials_of(self, policy: Agent) -> TrialStore:
         """The policy's trials, as the evaluation's store."""
         insert(self._db, "policies", [(policy.digest, policy.name, policy.contract.to_json())])
         return TrialStore(self._db, key_of(policy))
 
-    def add_thresholds(self, policy: Named, thresholds: Iterable[Threshold]) -> None:
+    def add_thresholds(self, policy: Agent, thresholds: Iterable[Threshold]) -> None:
         """Keep what was found, in place of what was found before along the same lines."""
         key = key_of(policy).values()
         rows = [
@@ -133,14 +133,14 @@ class Results:
         insert(self._db, "thresholds", rows)
         self._db.commit()
 
-    def add_scenarios(self, policy: Named, scenarios: Iterable[Scenario], wall_s: float) -> None:
+    def add_scenarios(self, policy: Agent, scenarios: Iterable[Scenario], wall_s: float) -> None:
         """Note that these have been run to their end, in so many seconds altogether."""
         key = key_of(policy).values()
         rows = [(*key, scenario.name, scenario_to_json(scenario), wall_s) for scenario in scenarios]
         insert(self._db, "scenarios", rows)
         self._db.commit()
 
-    def add_timing(self, policy: Named, timing: Timing) -> None:
+    def add_timing(self, policy: Agent, timing: Timing) -> None:
         """Keep how long a controller's steps took, in place of what was kept before."""
         insert(self._db, "controllers", [(*key_of(policy).values(), json.dumps(asdict(timing)))])
         self._db.commit()
@@ -187,7 +187,7 @@ class Results:
         )
         return [(Key.of(row), row["name"], row["contract"]) for row in as_dicts(cursor)]
 
-    def finished_scenarios(self, policy: Named) -> set[str]:
+    def finished_scenarios(self, policy: Agent) -> set[str]:
         """Names of the scenarios that the policy has been through, in today's setup."""
         sql = f"SELECT scenario FROM scenarios WHERE {IS_KEY}"
         return {name for (name,) in self._db.execute(sql, key_of(policy).values())}
@@ -200,7 +200,7 @@ class Results:
         """By scenario: how many trials ended how, and the largest shares of the limits that they used."""
         return list(as_dicts(self._db.execute(_AUDIT, key.values())))
 
-    def audit(self, policy: Named) -> tuple[float, float]:
+    def audit(self, policy: Agent) -> tuple[float, float]:
         """Largest share of a torque and of a speed limit that any of the policy's trials used."""
         sql = f"SELECT max(torque_ratio), max(speed_ratio) FROM trials WHERE {IS_KEY}"
         torque, speed = self._db.execute(sql, key_of(policy).values()).fetchone()
@@ -267,7 +267,7 @@ class TrialStore:
             self._committed = time.monotonic()
 
 
-def key_of(policy: Named) -> Key:
+def key_of(policy: Agent) -> Key:
     """By which the policy's results are found in today's setup."""
     return Key(policy.digest, Setup.now(policy.contract.robot))
 

@@ -15,7 +15,7 @@ def measure(contestant: ControllerAgent) -> Timing:
     """The times of all trials so far, and of one more with a single robot."""
     batch = contestant.times
     failures = ", ".join(f"{count} x {words}" for words, count in contestant.failures.most_common())
-    single = ControllerAgent(contestant.name, contestant.make, contestant.digest)
+    single = contestant.anew()
     run_list(single, [ALONE], num_slots=1, num_threads=1)
     alone = single.times
     return Timing(

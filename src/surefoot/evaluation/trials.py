@@ -11,9 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.agents.agent import Policy
-from surefoot.agents.controllers.controller import ControllerAgent
-from surefoot.agents.controllers.loop import ControllerLoop
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.protocol import PROTOCOL
@@ -21,8 +18,8 @@ from surefoot.evaluation.trial_monitor import TrialMonitor
 from surefoot.physics.pushes import Drop, Push
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
-from surefoot.robots import Robot, load_robot
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
+from surefoot.task.agent import Agent
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.imperfections import PERFECT, Imperfections
 
@@ -98,7 +95,7 @@ class _List(TrialSource):
         self.outcomes[trial] = outcome
 
 
-def run_list(policy: Policy | ControllerAgent, trials: Iterable[Trial], **options) -> dict[Trial, Outcome]:
+def run_list(policy: Agent, trials: Iterable[Trial], **options) -> dict[Trial, Outcome]:
     """Run different trials, in any order; options are those of `run_trials`."""
     source = _List(trials)
     run_trials(policy, source, **options)
@@ -106,7 +103,7 @@ def run_list(policy: Policy | ControllerAgent, trials: Iterable[Trial], **option
 
 
 def run_trials(
-    policy: Policy | ControllerAgent,
+    policy: Agent,
     source: TrialSource,
     num_slots: int = NUM_SLOTS,
     num_threads: int = 0,
@@ -141,16 +138,12 @@ def run_trials(
 class _Arena:
     """The slots: which trial each robot is in."""
 
-    def __init__(self, policy: Policy | ControllerAgent, num_slots: int, num_threads: int, domain: DomainParameters):
-        contract = policy.contract
-        self.policy = policy
+    def __init__(self, policy: Agent, num_slots: int, num_threads: int, domain: DomainParameters):
         self.domain = domain
-        self.robot: Robot = load_robot(contract.robot)
-        if isinstance(policy, ControllerAgent):
-            self.loop: ControlLoop = ControllerLoop(policy, self.robot, num_slots, num_threads, domain)
-        else:
-            nominal = np.array(contract.nominal_pose)
-            self.loop = ControlLoop(self.robot, num_slots, nominal, contract.action_scale, num_threads, domain)
+        self.robot = policy.robot
+        nominal = np.array(policy.contract.nominal_pose)
+        self.loop = ControlLoop(self.robot, num_slots, nominal, num_threads=num_threads, domain=domain)
+        self.loop.prepare(policy)
         self.monitor = TrialMonitor(self.robot, num_slots, domain.motor_strength)
         self.trial: list[Trial | None] = [None] * num_slots
         self._arms: dict[tuple[str, float], float] = {}
@@ -181,18 +174,10 @@ class _Arena:
                 source.drop(self.finish(slot))
 
     def step(self, slots: np.ndarray) -> tuple[StepRecord, dict[int, Outcome]]:
-        ticks, failed = self._advance(slots)
-        diverged = self.loop.engine.diverged[slots]
-        return ticks, self.monitor.update(slots, ticks, self.loop.tick[slots], diverged, failed)
-
-    def _advance(self, slots: np.ndarray) -> tuple[StepRecord, dict[int, str]]:
-        """One policy step, and why the controllers of which robots have failed."""
-        if isinstance(self.loop, ControllerLoop):
-            return self.loop.drive(slots), self.loop.failed
-        assert not isinstance(self.policy, ControllerAgent)
         everyone = len(slots) == len(self.trial)  # then nothing is copied
-        actions = self.policy(self.loop.observe(slots), slots)
-        return self.loop.step(actions, None if everyone else slots), {}
+        ticks = self.loop.drive(None if everyone else slots)
+        diverged = self.loop.engine.diverged[slots]
+        return ticks, self.monitor.update(slots, ticks, self.loop.tick[slots], diverged, self.loop.failed)
 
     def _begin(self, slots: np.ndarray, trials: list[Trial]) -> None:
         if any(trial.domain != self.domain for trial in trials):
@@ -206,11 +191,6 @@ class _Arena:
             roll=np.array([drop.roll for drop in drops]),
             pitch=np.array([drop.pitch for drop in drops]),
         )
-        if isinstance(self.policy, ControllerAgent):
-            assert isinstance(self.loop, ControllerLoop)
-            self.loop.begin(slots)
-        else:
-            self.policy.reset(slots)
         begin = np.array(begins)
         for slot, trial, tick in zip(slots.tolist(), trials, begin.tolist(), strict=True):
             self.loop.spoil(slot, trial.imperfections, trial.seed)

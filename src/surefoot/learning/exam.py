@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import itertools
 
-from surefoot.agents.agent import Policy
 from surefoot.evaluation.scenarios import Line, Scenario
 from surefoot.evaluation.suites import PAPER, ROOT_16
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.learning.probe import FIRST_SEED
+from surefoot.task.agent import Agent
 from surefoot.task.imperfections import PERFECT
 
 NUM_SIZES = 6
@@ -39,7 +39,7 @@ def scenarios() -> list[Scenario]:
     return [ROOT_16 if scenario.name == ROOT_16.name else scenario for scenario in PAPER if scenario.name in UP_TO]
 
 
-def examine(policy: Policy, round: int = 0, num_threads: int = 0) -> dict[str, float]:
+def examine(policy: Agent, round: int = 0, num_threads: int = 0) -> dict[str, float]:
     """Share of the trials that succeeded, by scenario: one trial of each size in every direction.
 
     Args:

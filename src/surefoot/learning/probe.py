@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.agents.agent import Policy
 from surefoot.evaluation.evaluate import push_lines
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.evaluation.trials import run_list
+from surefoot.task.agent import Agent
 
 NUM_DIRECTIONS = 8
 SPACING = 6
@@ -61,7 +61,7 @@ class Probe:
         return {name: self.rejected[name] for name in DIRECTIONS}
 
 
-def probe(policy: Policy, num_threads: int = 0, round: int = 0) -> Probe:
+def probe(policy: Agent, num_threads: int = 0, round: int = 0) -> Probe:
     """Run the held-out trials: 8 directions x 15 impulses from 36 to 540 Ns, one trial each, and 8 whole ones.
 
     Args:

@@ -23,7 +23,6 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 import surefoot
-from surefoot.agents.contract import Contract
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.policy_file import network_bytes, with_record
 from surefoot.learning.config import TrainConfig
@@ -33,6 +32,7 @@ from surefoot.learning.networks import actor_layers, put_actor, with_foresight
 from surefoot.learning.probe import Probe, probe
 from surefoot.learning.run_folder import KEPT, RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
+from surefoot.task.contract import Contract
 from surefoot.task.environment import PushRecoveryVectorEnv
 
 PROBE_S = 30.0

@@ -13,22 +13,20 @@ CUTOFF_HZ = 10.0
 class LowPass:
     """First-order Butterworth low-pass of batches of signals, advanced by whole blocks of ticks.
 
-    y[k] = b0 x[k] + b1 x[k-1] - a1 y[k-1]. A policy sees only the last tick of its step, and that is linear in the
-    block's ticks and the filter's state, so that one product per block does what a loop over ticks would.
+    y[k] = b0 x[k] + b1 x[k-1] - a1 y[k-1]. An agent sees only the last tick of its control step, and that is linear in
+    the block's ticks and the filter's state, so that one product per block does what a loop over ticks would.
 
     Args:
         num_robots, num_signals: shape of the filter's state.
-        block: ticks per call.
         cutoff_hz, sample_hz: the filter's design.
+
+    Attributes:
+        output: the last output of every robot (num_robots, num_signals).
     """
 
-    def __init__(self, num_robots: int, num_signals: int, block: int, sample_hz: float, cutoff_hz: float = CUTOFF_HZ):
-        (b0, b1), (_, a1) = butter(1, cutoff_hz, fs=sample_hz)
-        decay = (-a1) ** np.arange(block - 1, -1, -1.0)
-        self._block_weight = b0 * decay
-        self._block_weight[:-1] += b1 * decay[1:]
-        self._input_weight = b1 * decay[0]
-        self._output_weight = (-a1) ** block
+    def __init__(self, num_robots: int, num_signals: int, sample_hz: float, cutoff_hz: float = CUTOFF_HZ):
+        (self._b0, self._b1), (_, self._a1) = butter(1, cutoff_hz, fs=sample_hz)
+        self._weights: dict[int, tuple[np.ndarray, float, float]] = {}
         self._input = np.zeros((num_robots, num_signals))
         self.output = np.zeros((num_robots, num_signals))
 
@@ -41,19 +39,29 @@ class LowPass:
         """Filter a block of ticks of robots `ids` (n,).
 
         Args:
-            signals: the block in parts, (n, block, size) each, `num_signals` in all.
+            signals: the block in parts, (n, num_ticks, size) each, `num_signals` in all.
             ids: the robots (n,).
 
         Returns:
             The block's last output (n, num_signals).
         """
+        of_block, of_input, of_output = self._weights_of(signals[0].shape[1])
         self.output[ids] = (
-            self._output_weight * self.output[ids]
-            + self._input_weight * self._input[ids]
-            + np.concatenate([np.matmul(self._block_weight, part) for part in signals], axis=-1)
+            of_output * self.output[ids]
+            + of_input * self._input[ids]
+            + np.concatenate([np.matmul(of_block, part) for part in signals], axis=-1)
         )
         self._input[ids] = np.concatenate([part[:, -1] for part in signals], axis=-1)
         return self.output[ids]
+
+    def _weights_of(self, num_ticks: int) -> tuple[np.ndarray, float, float]:
+        """The weights in a block's last output: of its ticks (num_ticks,), of the last input and the last output."""
+        if num_ticks not in self._weights:
+            decay = (-self._a1) ** np.arange(num_ticks - 1, -1, -1.0)
+            of_block = self._b0 * decay
+            of_block[:-1] += self._b1 * decay[1:]
+            self._weights[num_ticks] = of_block, self._b1 * decay[0], (-self._a1) ** num_ticks
+        return self._weights[num_ticks]
 
 
 class Noise:

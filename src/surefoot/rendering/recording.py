@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.agents.agent import Policy
-from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.recorded import RecordedTrial, record_trials
@@ -16,6 +14,7 @@ from surefoot.evaluation.trials import Trial
 from surefoot.rates import CONTROL_DT, CONTROL_HZ
 from surefoot.rendering.moment import Moment
 from surefoot.robots import Robot
+from surefoot.task.agent import Agent
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +48,7 @@ class Recording:
         return self.moments[min(int(np.searchsorted(self.times, time - 1e-9)), len(self.moments) - 1)]
 
 
-def record(policy: Policy | ControllerAgent, trial: Trial, fps: int = 50) -> Recording:
+def record(policy: Agent, trial: Trial, fps: int = 50) -> Recording:
     """Run one trial and keep what a picture shows of it.
 
     Args:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from surefoot.agents.contract import Contract
 from surefoot.agents.controllers.step_times import Timing
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import full_length_outcomes
@@ -20,6 +19,7 @@ from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING,
 from surefoot.evaluation.trials import Trial
 from surefoot.report.thresholds import Fixed, by_scenario, has_main_directions, median_steps, root_pushes
 from surefoot.robots import Robot, load_robot
+from surefoot.task.contract import Contract
 
 LARGEST = "largest sagittal push"
 SHANK = "push at the shank"

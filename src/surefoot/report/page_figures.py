@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from surefoot.agents.agent import Policy
-from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.replay import differences
@@ -25,6 +23,7 @@ from surefoot.report.threshold_plots import BarRow, bars_beside_paper, polar_map
 from surefoot.report.thresholds import root_pushes, root_words
 from surefoot.report.traces import STRIDE, Trace, run_traces
 from surefoot.report.trial_plots import footprints, motion, support_foot
+from surefoot.task.agent import Agent
 
 Curves = Mapping[str, Sequence[Sequence[Mapping[str, float]]]]
 """Learning curves: algorithm -> runs -> points, as `surefoot.curve.read_curves` gives them."""
@@ -43,7 +42,7 @@ def comparison_figures(evaluations: Sequence[Evaluation], curves: Curves) -> lis
     return found
 
 
-def policy_figures(evaluation: Evaluation, policy: Policy | ControllerAgent | None) -> tuple[list[Figure], list[str]]:
+def policy_figures(evaluation: Evaluation, policy: Agent | None) -> tuple[list[Figure], list[str]]:
     """Figures of one policy, and notes on those that could not be made.
 
     Args:

@@ -6,17 +6,17 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from surefoot.agents.agent import Named
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.report.paper_tables import has_table_4, table_1, table_2, table_3, table_4, table_5
 from surefoot.report.table import Table
 from surefoot.report.threshold_tables import direction_table, scenario_table
 from surefoot.report.thresholds import Fixed, by_scenario, has_main_directions, root_pushes
 from surefoot.robots import Robot
+from surefoot.task.agent import Agent
 
 
 def all_tables(
-    policy: Named, thresholds: Sequence[Threshold], fixed: Fixed, steps: Mapping[str, float], robot: Robot
+    policy: Agent, thresholds: Sequence[Threshold], fixed: Fixed, steps: Mapping[str, float], robot: Robot
 ) -> list[Table]:
     """Every table that one policy's results fill; `steps` as for `table_3`."""
     found = by_scenario(thresholds)

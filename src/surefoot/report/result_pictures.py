@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.agents.agent import Policy
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.rendering.image_files import save_picture
 from surefoot.rendering.recording import record
@@ -17,6 +16,7 @@ from surefoot.report.bounds import capture_point_bound, worse_bounds
 from surefoot.report.threshold_plots import BarRow, bars_beside_paper, polar_map
 from surefoot.report.thresholds import LATERAL, SAGITTAL, root_pushes, root_words, worse_of
 from surefoot.robots import Robot
+from surefoot.task.agent import Agent
 
 STRIP_SEED = 0
 
@@ -43,7 +43,7 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
     return [bars, polar]
 
 
-def draw_strip(policy: Policy, thresholds: Sequence[Threshold], path: Path) -> Path:
+def draw_strip(policy: Agent, thresholds: Sequence[Threshold], path: Path) -> Path:
     """A film strip of the policy's largest rejected pushes forward and to the left, and of one that it does not.
 
     Raises:

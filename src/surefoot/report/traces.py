@@ -9,8 +9,6 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import binary_closing
 
-from surefoot.agents.agent import Policy
-from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.evaluation.recorded import RecordedTrial, record_trials
 from surefoot.evaluation.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
 from surefoot.evaluation.trials import Trial
@@ -18,6 +16,7 @@ from surefoot.physics.rotations import roll_pitch
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
 from surefoot.rendering.recording import Recording
 from surefoot.robots.model import FLOOR
+from surefoot.task.agent import Agent
 
 STRIDE = 10
 """Curves show every tenth tick: 50 Hz."""
@@ -75,7 +74,7 @@ class Trace(RecordedTrial):
         return Recording.of(policy_name, self, CONTROL_HZ // STRIDE, first=self.begin % STRIDE)
 
 
-def run_traces(policy: Policy | ControllerAgent, trials: Mapping[str, Trial]) -> dict[str, Trace]:
+def run_traces(policy: Agent, trials: Mapping[str, Trial]) -> dict[str, Trace]:
     """Run some full-length trials of one policy again, those in the same domain as one batch."""
     recorded = record_trials(policy, trials.values())
     traces = {trial: Trace(trial, each.outcome, each.ticks, each.begin) for trial, each in recorded.items()}

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 
-from surefoot.agents.agent import Policy
 from surefoot.errors import UserError
 from surefoot.evaluation.strategies import StrategyWatch
 from surefoot.evaluation.suites import NOISE
@@ -14,8 +13,9 @@ from surefoot.evaluation.trials import JOINT_NOISE
 from surefoot.physics.pushes import NEVER, Push, Pushes
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
-from surefoot.robots import load_robot
+from surefoot.task.agent import Agent
 from surefoot.task.control_loop import ControlLoop
+from surefoot.task.guard import NOT_FINITE, RAISED, TOO_LATE, WRONG_SHAPE
 from surefoot.task.imperfections import Imperfections
 from surefoot.viewer.verdict import State, Verdicts
 
@@ -31,6 +31,14 @@ DOWN_S = 2.0
 FRICTION = 1.0
 HAND, PUSH = 0, 1
 """Slots of what hands and lifts do to a robot, and of pushes."""
+
+_FAILURES = {
+    RAISED: "raised an error",
+    NOT_FINITE: "returned numbers that are not finite",
+    WRONG_SHAPE: "returned an array of another shape than (robots, joints)",
+    TOO_LATE: "took too long",
+}
+"""What a policy that fails has done, in words."""
 
 
 class Session:
@@ -54,16 +62,14 @@ class Session:
         UserError: another number of robots.
     """
 
-    def __init__(self, policy: Policy, num_robots: int = 1, seed: int = 0, num_threads: int = 0):
+    def __init__(self, policy: Agent, num_robots: int = 1, seed: int = 0, num_threads: int = 0):
         if not 1 <= num_robots <= MAX_ROBOTS:
             raise UserError(f"the number of robots must be 1 to {MAX_ROBOTS}, not {num_robots}")
-        contract = policy.contract
         self.policy = policy
-        self.robot = load_robot(contract.robot)
+        self.robot = policy.robot
         self.num_robots = num_robots
-        self.loop = ControlLoop(
-            self.robot, num_robots, np.array(contract.nominal_pose), contract.action_scale, num_threads
-        )
+        self.loop = ControlLoop(self.robot, num_robots, np.array(policy.contract.nominal_pose), num_threads=num_threads)
+        self.loop.prepare(policy)
         self.verdicts = Verdicts(num_robots)
         self.noise = 0.0
         self.friction = FRICTION
@@ -74,6 +80,7 @@ class Session:
         self._watch = StrategyWatch(self.robot, num_robots)
         self._begin = np.full(num_robots, NEVER)
         self._told = [""] * num_robots
+        self._failed: set[int] = set()
         self._rng = np.random.default_rng(seed)
         self._pulls: dict[int, tuple[int, np.ndarray]] = {}
         self.ticks = self.reset()
@@ -86,11 +93,11 @@ class Session:
         noise = self._rng.uniform(-JOINT_NOISE, JOINT_NOISE, (len(ids), self.robot.num_joints))
         joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
         start = self.loop.reset(ids, joints, height=height)
-        self.policy.reset(ids)
         self._spoil(ids)
         self.verdicts.reset(ids)
         self._watch.reset(ids, start)
         self._begin[ids] = NEVER
+        self._failed -= set(ids.tolist())
         for robot in ids.tolist():
             self._pulls.pop(robot, None)
             self._told[robot] = ""
@@ -125,18 +132,16 @@ class Session:
         self.noise = share
         self._spoil(self.everyone)
 
-    def set_policy(self, policy: Policy) -> None:
+    def set_policy(self, policy: Agent) -> None:
         """Go on with another policy for the same robot, in the middle of whatever is happening.
 
         Raises:
             UserError: it is for another robot.
         """
-        if policy.contract.robot != self.robot.name:
+        if policy.robot.fingerprint != self.robot.fingerprint:
             raise UserError(f"{policy.name} is for {policy.contract.robot}, not {self.robot.name}")
         self.policy = policy
-        self.loop.nominal = np.array(policy.contract.nominal_pose)
-        self.loop.action_scale = policy.contract.action_scale
-        policy.reset(self.everyone)
+        self.loop.prepare(policy)
         self.verdicts.clear_counts()
 
     def set_friction(self, friction: float) -> None:
@@ -149,7 +154,8 @@ class Session:
     def step(self) -> StepRecord:
         """One policy step of all robots: their ticks, in a buffer that the next step overwrites."""
         self._hold()
-        self.ticks = self.loop.step(self._act())
+        self.ticks = self.loop.drive()
+        self._tell_failures()
         self.num_steps += 1
         diverged = self.loop.engine.diverged
         self._recognise(diverged)
@@ -228,12 +234,14 @@ class Session:
         for robot in ids.tolist():
             self.loop.spoil(robot, imperfections, int(self._rng.integers(2**31)))
 
-    def _act(self) -> np.ndarray:
-        actions = np.asarray(self.policy(self.loop.observation, self.everyone), float)
-        if not np.isfinite(actions).all():
-            self.message = f"policy {self.policy.name} returned numbers that are not finite; its nominal pose holds"
-            actions = np.where(np.isfinite(actions), actions, 0.0)
-        return actions
+    def _tell_failures(self) -> None:
+        """Tell once of every robot that the policy has failed; its joints hold their last targets until its reset."""
+        failed = self.loop.failed
+        new = [reason for robot, reason in failed.items() if robot not in self._failed]
+        self._failed = set(failed)
+        if new:
+            words = _FAILURES[new[0]] + (f" ({self.loop.error})" if new[0] == RAISED else "")
+            self.message = f"policy {self.policy.name} {words}; the joints hold their last targets"
 
 
 def _words(watch: StrategyWatch, robot: int) -> str:

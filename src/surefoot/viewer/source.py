@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from surefoot.agents.agent import Policy
-from surefoot.agents.load import BEST, load_policy, shipped_policies
+from surefoot.agents.load import BEST, load_policy, shipped_policies, usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import SUFFIX
 from surefoot.errors import UserError
+from surefoot.task.agent import Agent
 
 NOMINAL = "nominal"
 _CHECKPOINTS = (f"last{SUFFIX}", f"best{SUFFIX}")
@@ -78,13 +78,13 @@ class PolicySource:
         except OSError:
             return None
 
-    def _load(self) -> Policy:
+    def _load(self) -> Agent:
         if self.name == NOMINAL:
-            return NominalAgent()
+            return NominalAgent(usual_robot())
         file = self._file()
         self.is_waiting = file is None and self._path is not None and (self._path / "config.json").exists()
         if self.is_waiting:
-            return NominalAgent()
+            return NominalAgent(usual_robot())
         policy = load_policy(file or self.name)
         if file and self._path and self._path.is_dir():
             policy.name = self._path.name

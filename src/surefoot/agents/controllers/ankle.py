@@ -31,7 +31,7 @@ class Ankle:
     def __init__(self, robot: Robot, num_robots: int):
         self.robot = robot
         self.dynamics = InverseDynamics(robot, num_robots)
-        self.pose = robot.pose("bent")
+        self.pose = robot.pose()
         self.height = np.full(num_robots, np.nan)
         self.touched = np.zeros(num_robots)
         """When a foot last touched the ground [s]."""

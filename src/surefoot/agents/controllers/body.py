@@ -6,14 +6,19 @@ Everything else is in the heading frame with the root as its origin, as in `Stat
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
 from surefoot.agents.controllers.controller import State
+from surefoot.errors import UserError
 from surefoot.robots import Robot
 
 _SOLES = ("left_sole", "right_sole")
+_ALONG_Y = 0.9
+"""A joint pitches if its axis has more than this along y: the axis is a unit vector."""
 
 
 class Body:
@@ -28,6 +33,7 @@ class Body:
         soles: centres of the soles (n, 2, 3) [m].
         sole_jacobian: of their velocity and angular velocity (n, 2, 6, nv).
         velocity: (n, nv).
+        torso_joint: which of the robot's joints pitches the torso forward against the root; None without one.
     """
 
     def __init__(self, robot: Robot, num_robots: int):
@@ -50,6 +56,9 @@ class Body:
         filled = np.zeros((model.nv, model.nv))
         filled[row, model.M_colind] = filled[model.M_colind, row] = 1.0
         self._filled = filled
+        above = _moves(model, model.body(robot.torso).id)
+        pitches = [j for j in range(robot.num_joints) if above[6 + j] and model.jnt_axis[1 + j, 1] > _ALONG_Y]
+        self.torso_joint = pitches[0] if pitches else None
 
     def update(self, state: State) -> None:
         """Take over what is measured of n robots."""
@@ -83,6 +92,49 @@ class Body:
             at_sole = along + cross(turn, (self.soles[:, foot] - self.com)[:, None])
             self.sole_jacobian[:, foot, :3] = np.swapaxes(at_sole, 1, 2) * chain
             self.sole_jacobian[:, foot, 3:] = np.swapaxes(turn, 1, 2) * chain
+
+
+@dataclass(frozen=True)
+class Legs:
+    """Lengths of a robot's legs, with its joints at zero: rounded, for no law depends on a hair's breadth.
+
+    Attributes:
+        hips: where the hips pitch, from the root (2, 3) [m]: left, right.
+        ankles: where the ankles pitch, from the soles' centres (2, 3) [m].
+        reach: from hip to ankle, at most [m]: with a knee that is still bent.
+    """
+
+    hips: np.ndarray
+    ankles: np.ndarray
+    reach: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> Legs:
+        """Measure a robot whose legs pitch at hip, knee and ankle.
+
+        Raises:
+            UserError: a leg has fewer than three joints that pitch.
+        """
+        model = robot.model()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        hips, ankles, lengths = [], [], []
+        for foot, sole in zip(robot.feet, _SOLES, strict=True):
+            moves = _moves(model, model.body(foot).id)
+            pitch = [j for j in range(1, model.njnt) if moves[5 + j] and abs(model.jnt_axis[j, 1]) > _ALONG_Y]
+            if len(pitch) < 3:
+                raise UserError(f"{robot.name} has no leg with hip, knee and ankle that pitch, which stepping needs")
+            hip, ankle = data.xanchor[pitch[0]] - data.body(robot.root).xpos, data.xanchor[pitch[-1]]
+            lengths.append(np.linalg.norm(data.xanchor[pitch[0]] - ankle))
+            # The hip's axis goes along y: of its points, the one in the leg's plane counts.
+            hips.append([hip[0], ankle[1] - data.body(robot.root).xpos[1], hip[2]])
+            ankles.append(ankle - data.site(sole).xpos)
+        reach = round(_BENT_KNEE * float(min(lengths)), 2)
+        return cls(np.round(hips, 4) + 0.0, np.round(ankles, 4) + 0.0, reach)
+
+
+_BENT_KNEE = 0.98
+"""Share of a straight leg's length that a leg reaches with a knee that can still push."""
 
 
 def _moves(model: mujoco.MjModel, body: int) -> np.ndarray:

@@ -1,137 +1,106 @@
-"""Protocol: what a controller is given of its robots, what it answers, and how it enters the trials beside policies."""
+"""Controllers: what moves robots by a law of its own, and how it enters the trials beside the networks."""
 
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from surefoot.agents.contract import Contract
 from surefoot.agents.controllers.step_times import StepTimes
-from surefoot.errors import UserError
-from surefoot.rates import CONTROL_HZ, POLICY_HZ
-from surefoot.robots import Robot, load_robot
+from surefoot.robots import Robot
+from surefoot.task.agent import RATES_HZ, Agent, Command, Inputs, check_agent
+from surefoot.task.contract import Contract
+from surefoot.task.state import State
 
-RATES_HZ = tuple(rate for rate in range(POLICY_HZ, CONTROL_HZ + 1) if CONTROL_HZ % rate == 0)
-"""At which a controller may run: 25, 50, 100, 125, 250 and 500 Hz."""
-PATHS = ("hold", "line")
-
-
-@dataclass(frozen=True)
-class State:
-    """What the state estimators of n robots know: in SI units, 2 ms old, and nothing of who pushes.
-
-    Vectors are in the heading frame: x forward, y left, z up, turned with the root's yaw. Positions are counted from
-    the root. Feet: left, right.
-
-    Attributes:
-        time: since the trial's start [s] (n,).
-        joint_position, joint_velocity: (n, num_joints) [rad, rad/s].
-        root_attitude: roll and pitch (n, 2) [rad].
-        root_velocity, root_angular_velocity: (n, 3) [m/s, rad/s].
-        com_position, com_velocity: (n, 3) [m, m/s].
-        capture_point: x + v sqrt(z / g), (n, 2) [m].
-        com_height: of the CoM above the lower sole (n,) [m].
-        sole_position: centres of the soles (n, 2, 3) [m].
-        foot_attitude: roll and pitch of the feet against the vertical (n, 2, 2) [rad].
-        foot_force: normal force on each foot (n, 2) [N].
-        pressure_point: pressure centre of each foot, from the root (n, 2, 2) [m]; meaningless without force.
-    """
-
-    time: np.ndarray
-    joint_position: np.ndarray
-    joint_velocity: np.ndarray
-    root_attitude: np.ndarray
-    root_velocity: np.ndarray
-    root_angular_velocity: np.ndarray
-    com_position: np.ndarray
-    com_velocity: np.ndarray
-    capture_point: np.ndarray
-    com_height: np.ndarray
-    sole_position: np.ndarray
-    foot_attitude: np.ndarray
-    foot_force: np.ndarray
-    pressure_point: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def rows(self, rows: np.ndarray) -> State:
-        """Some of the robots, by their place in the arrays or as a mask."""
-        return State(**{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)})
-
-
-class Command(NamedTuple):
-    """A controller's answer for n robots.
-
-    The joints follow u = stiffness (joint_target - q) + joint_torque - damping dq/dt within the motors' limits.
-
-    Attributes:
-        joint_target: (n, num_joints) [rad]; clipped to the joint ranges.
-        joint_torque: feed-forward (n, num_joints) [Nm]; none without it.
-    """
-
-    joint_target: np.ndarray
-    joint_torque: np.ndarray | None = None
+__all__ = ["RATES_HZ", "Command", "Controller", "ControllerAgent", "State"]
 
 
 class Controller(Protocol):
     """What moves robots by a law of its own; made as `Controller(robot, num_robots)`.
 
-    Two more attributes may say: `pose`, the name of the pose in which trials begin ("bent"), and `path`, how the
-    targets get to the next ones: "hold" (at once, then held) or "line" (linearly, over the control step).
+    Two more attributes may say: `pose`, the name of the pose in which trials begin (the robot's default pose without
+    it), and `path`, how the targets get to the next ones: "hold" (at once, then held), "line" (linearly, over the
+    control step) or "cubic" (at rest at both ends).
     """
 
     rate_hz: int
     """Control steps per second, one of `RATES_HZ`."""
 
     def reset(self, ids: np.ndarray) -> None:
-        """Robots `ids` (n,), numbers below `num_robots`, begin a trial: forget them."""
+        """Forget robots `ids` (n,), numbers below `num_robots`, which begin a trial."""
 
     def __call__(self, state: State, ids: np.ndarray) -> Command:
-        """One control step of robots `ids` (n,). May be asked again for some of them if it raises."""
+        """Decide one control step of robots `ids` (n,). May be asked again for some of them if it raises."""
         ...
 
 
-@dataclass(eq=False)
 class ControllerAgent:
-    """A controller as the trials take it: named, described and digested like a policy.
+    """A controller as an agent: named, described and digested like a policy.
 
-    Attributes:
+    Args:
         name: by which tables show it, and by which `surefoot evaluate` finds it.
         make: its class, or what else makes one from a robot and a number of robots.
-        digest: of its code and of all of surefoot's controllers, on which it may build.
+        digest: of its code, by which results name it.
+        robot: the robot that it is to drive.
+
+    Attributes:
         times: of all control steps so far.
         failures: how often it failed a trial, by reason and, for what it raised, the error.
+
+    Raises:
+        UserError: it wants a rate or a path that there is not.
     """
 
-    name: str
-    make: Callable[[Robot, int], Controller]
-    digest: str
-    times: StepTimes = field(init=False)
-    failures: Counter[str] = field(default_factory=Counter)
+    inputs: Inputs = "state"
 
-    def __post_init__(self) -> None:
-        rate_hz = getattr(self.make, "rate_hz", None)
-        if rate_hz not in RATES_HZ:
-            raise UserError(f"{self.name} must have a rate_hz of {', '.join(map(str, RATES_HZ))}, not {rate_hz}")
-        if self.path not in PATHS:
-            raise UserError(f"{self.name}'s path must be {' or '.join(PATHS)}, not {self.path}")
-        self.times = StepTimes(rate_hz)
+    def __init__(self, name: str, make: Callable[[Robot, int], Controller], digest: str, robot: Robot):
+        self.name = name
+        self.make = make
+        self.digest = digest
+        self.robot = robot
+        self.rate_hz: int = getattr(make, "rate_hz", None)  # type: ignore[assignment]  # None is refused below
+        self.path: str = getattr(make, "path", "hold")
+        self.failures: Counter[str] = Counter()
+        check_agent(self)
+        self.times = StepTimes(self.rate_hz)
+        self._controller: Controller | None = None
 
-    @property
-    def rate_hz(self) -> int:
-        return self.times.rate_hz
-
-    @property
-    def path(self) -> str:
-        return getattr(self.make, "path", "hold")
+    def anew(self) -> ControllerAgent:
+        """The same controller without the times and failures of this one."""
+        return ControllerAgent(self.name, self.make, self.digest, self.robot)
 
     @property
     def contract(self) -> Contract:
-        plain = Contract.of(load_robot(), getattr(self.make, "pose", "bent"), 1.0, {"controller": self.name})
+        """What it assumes about the robot: pose and gains."""
+        pose = getattr(self.make, "pose", self.robot.default_pose)
+        plain = Contract.of(self.robot, pose, 1.0, {"controller": self.name})
         return dataclasses.replace(plain, policy_hz=self.rate_hz, target_path=self.path)
+
+    def prepare(self, num_robots: int) -> None:
+        """Make the controller for so many robots."""
+        self._controller = self.make(self.robot, num_robots)
+
+    def reset(self, ids: np.ndarray) -> None:
+        """Let the controller forget robots `ids` (n,)."""
+        self._prepared().reset(ids)
+
+    def __call__(self, inputs: State, ids: np.ndarray) -> Command:
+        """Let the controller decide one control step of robots `ids` (n,), and keep its time."""
+        controller, began = self._prepared(), time.perf_counter()
+        try:
+            return controller(inputs, ids)
+        finally:
+            self.times.add(time.perf_counter() - began, len(ids))
+
+    @staticmethod
+    def among(agent: Agent) -> ControllerAgent | None:
+        """The agent, if it is a controller, whose control steps have been timed."""
+        return agent if isinstance(agent, ControllerAgent) else None
+
+    def _prepared(self) -> Controller:
+        assert self._controller, "an agent is prepared before it is asked"
+        return self._controller

@@ -33,7 +33,7 @@ class Motion:
         height: of the CoM above the soles that bear (n,) [m].
         bears: do the left and the right foot bear? bool (n, 2).
         attitude: roll and pitch of the root (n, 2) [rad].
-        torso: angle of the torso joint (n,) [rad].
+        torso: angle of the joint that pitches the torso (n,) [rad]; robots without one ignore it.
         turn: angular acceleration of the root about x and y beyond that (n, 2) [rad/s^2].
         torso_turn: the same of the torso joint (n,) [rad/s^2].
         swing: acceleration and angular acceleration of feet that do not bear (n, 2, 6) [m/s^2, rad/s^2].
@@ -64,8 +64,7 @@ class InverseDynamics:
     def __init__(self, robot: Robot, num_robots: int):
         self.robot = robot
         self.body = Body(robot, num_robots)
-        self._pose = robot.pose("bent")
-        self._torso = 6 + robot.joint_names.index("torso_pitch")
+        self._pose = robot.pose()
 
     def __call__(self, state: State, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         """Joint targets and feed-forward torques (n, num_joints) [rad, Nm].
@@ -105,12 +104,8 @@ class InverseDynamics:
         turn = np.zeros((n, 3))
         turn[:, :2] = kp * (motion.attitude - state.root_attitude) + motion.turn
         add(turning, turn - kd * state.root_angular_velocity, _ATTITUDE)
-        torso = np.zeros((n, 1, nv))
-        torso[..., self._torso] = 1.0
-        kp, kd = _TORSO_GAINS
-        joint = self._torso - 6
-        goal = kp * (motion.torso - state.joint_position[:, joint]) - kd * state.joint_velocity[:, joint]
-        add(torso, (goal + motion.torso_turn)[:, None], _TORSO)
+        if body.torso_joint is not None:
+            add(*self._torso_task(state, motion, body.torso_joint), _TORSO)
         kp, kd = _POSTURE_GAINS
         posture = np.broadcast_to(np.eye(nv)[6:], (n, robot.num_joints, nv))
         add(posture, kp * (self._pose - state.joint_position) - kd * state.joint_velocity, _POSTURE)
@@ -119,6 +114,14 @@ class InverseDynamics:
         weighted = task * np.concatenate(weights, axis=1)[..., None]
         normal = np.matmul(np.swapaxes(weighted, 1, 2), task) + 1e-6 * np.eye(nv)
         return np.linalg.solve(normal, np.matmul(np.swapaxes(weighted, 1, 2), goal[..., None]))[..., 0]
+
+    def _torso_task(self, state: State, motion: Motion, joint: int) -> tuple[np.ndarray, np.ndarray]:
+        """The torso leans by its own joint: one row."""
+        torso = np.zeros((len(state), 1, self.body.num_dofs))
+        torso[..., 6 + joint] = 1.0
+        kp, kd = _TORSO_GAINS
+        goal = kp * (motion.torso - state.joint_position[:, joint]) - kd * state.joint_velocity[:, joint]
+        return torso, (goal + motion.torso_turn)[:, None]
 
     def _pressure_task(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The ground's forces have no horizontal moment about the pressure centre: two rows, as accelerations."""

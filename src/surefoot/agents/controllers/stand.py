@@ -14,7 +14,7 @@ class Stand:
     rate_hz = 25
 
     def __init__(self, robot: Robot, num_robots: int):
-        self._pose = robot.pose("bent")
+        self._pose = robot.pose()
 
     def reset(self, ids: np.ndarray) -> None:
         """Nothing to forget."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from surefoot.agents.controllers.ankle import EDGE, GAIN, Ankle
+from surefoot.agents.controllers.body import Legs
 from surefoot.agents.controllers.controller import State
 from surefoot.agents.controllers.inverse_dynamics import Motion, clip_to_support
 from surefoot.robots import Robot
@@ -34,8 +35,6 @@ LANDING_FORCE = 40.0
 """A swinging foot that carries more than this has landed [N]."""
 LOWER = 0.03
 """So far the CoM is lowered for steps [m]."""
-LEG_LENGTH = 0.82
-"""Hip to ankle, at most [m]: with a knee that is still bent."""
 SHORTEST_S = 0.06
 """The swing law aims at the landing in no less than this: its gains are bounded by it [s]."""
 BEARING_FORCE, HANGING = 5.0, 0.005
@@ -48,10 +47,6 @@ QUIET_S = 0.5
 """For so long after a landing it is not [s]: then its speed is the landing's own."""
 NONE = -1
 _OUTWARD = np.array([1.0, -1.0])
-
-# Of the hip pitch axis from the root, left [m]; ankle above its sole, and behind its centre.
-_HIP = np.array([0.0, 0.1377, -0.2462])
-_ANKLE = np.array([-0.045, 0.0, 0.088])
 
 
 @dataclass
@@ -102,6 +97,7 @@ class Stepping(Ankle, ABC):
 
     def __init__(self, robot: Robot, num_robots: int):
         super().__init__(robot, num_robots)
+        self.legs = Legs.of(robot)
         self.swinging = np.full(num_robots, NONE)
         """The foot in the air: 0 left, 1 right, or `NONE`."""
         self.since = np.zeros(num_robots)
@@ -235,13 +231,12 @@ class Stepping(Ankle, ABC):
 
     def _limit_height(self, motion: Motion, state: State) -> None:
         """The CoM comes no higher than the legs that bear reach."""
-        hips = _HIP * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
-        hips = np.matmul(self.dynamics.body.rotation[:, None], hips[..., None])[..., 0]
-        ankles = state.sole_position + _ANKLE
+        hips = np.matmul(self.dynamics.body.rotation[:, None], self.legs.hips[..., None])[..., 0]
+        ankles = state.sole_position + self.legs.ankles
         apart = ((hips - ankles)[..., :2] ** 2).sum(axis=-1)
-        reach = np.sqrt(np.maximum(LEG_LENGTH**2 - apart, 0.3**2))
+        reach = np.sqrt(np.maximum(self.legs.reach**2 - apart, 0.3**2))
         above_hip = state.com_position[:, 2:] - hips[..., 2]
-        highest = np.where(motion.bears, _ANKLE[2] + reach + above_hip, np.inf).min(axis=1)
+        highest = np.where(motion.bears, self.legs.ankles[:, 2] + reach + above_hip, np.inf).min(axis=1)
         motion.height = np.minimum(motion.height, highest)
 
     def _frequency(self, state: State) -> np.ndarray:

@@ -48,7 +48,7 @@ class TrajectoryFreeMPC(Ankle):
     def pressure(self, state: State, ids: np.ndarray) -> np.ndarray:
         due = np.rint(state.time * self.rate_hz).astype(int) % REPLAN_STEPS == 0
         if due.any():
-            self._plan(state.rows(due), ids[due])
+            self._plan(state[due], ids[due])
         since = (state.time - self.planned[ids])[:, None]
         center = state.sole_position[..., :2].mean(axis=1)
         half = self._half(state)

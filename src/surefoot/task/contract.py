@@ -1,4 +1,4 @@
-"""The contract of a policy: all that is needed to run it on a robot."""
+"""Contract: what an agent assumes about the robot and the control loop, in a form that a policy file can carry."""
 
 from __future__ import annotations
 
@@ -14,9 +14,6 @@ from surefoot.rates import CONTROL_HZ, POLICY_HZ
 from surefoot.robots import Robot, load_robot
 from surefoot.task import observation
 
-METADATA_KEY = "surefoot"
-
-
 FORMAT = 1
 
 
@@ -26,6 +23,7 @@ class Contract:
 
     Attributes:
         robot: its name.
+        robot_fingerprint: of its physical facts, `Robot.fingerprint`; empty in files of before there were any.
         joints: joint order of the action and of the observation's joint parts.
         nominal_pose: joint angles that an action of zero means [rad].
         action_scale: joint angle [rad] per unit of action, which is clipped to [-1, 1] first.
@@ -53,6 +51,7 @@ class Contract:
     target_path: str = "cubic"
     training: dict[str, Any] = field(default_factory=dict)
     format: int = FORMAT
+    robot_fingerprint: str = ""
 
     @classmethod
     def of(cls, robot: Robot, pose: str, action_scale: float, training: dict[str, Any] | None = None) -> Contract:
@@ -68,6 +67,7 @@ class Contract:
             torque_limit=tuple(robot.torque_limit.tolist()),
             velocity_limit=tuple(robot.velocity_limit.tolist()),
             training=training or {},
+            robot_fingerprint=robot.fingerprint,
         )
 
     def check(self) -> Robot:
@@ -77,9 +77,14 @@ class Contract:
             UserError: this version of surefoot cannot honour the contract.
         """
         robot = load_robot(self.robot)
+        if self.robot_fingerprint and self.robot_fingerprint != robot.fingerprint:
+            raise UserError(
+                f"policy is for a {robot.name} with other masses, joints or motors: its robot's fingerprint is "
+                f"{self.robot_fingerprint[:12]}, that of this {robot.name} is {robot.fingerprint[:12]}"
+            )
         self._check_numbers(robot)
         expected = Contract.of(robot, next(iter(robot.poses)), self.action_scale)
-        free = {"nominal_pose", "action_scale", "training"}
+        free = {"nominal_pose", "action_scale", "training", "robot_fingerprint"}
         for name in (f.name for f in dataclasses.fields(self) if f.name not in free):
             if getattr(self, name) != getattr(expected, name):
                 raise UserError(
@@ -95,11 +100,22 @@ class Contract:
             raise UserError(f"policy's action_scale must be positive, not {scale}")
 
     def to_json(self) -> str:
+        """Write the contract as `from_json` reads it."""
         return json.dumps(dataclasses.asdict(self))
+
+    def assumptions(self) -> str:
+        """The contract as JSON, without the robot's fingerprint: results name their robot by themselves."""
+        values = dataclasses.asdict(self)
+        del values["robot_fingerprint"]
+        return json.dumps(values)
 
     @classmethod
     def from_json(cls, text: str) -> Contract:
-        """Raises ValueError, TypeError or KeyError for anything that `to_json` does not write."""
+        """Read what `to_json` wrote.
+
+        Raises:
+            ValueError, TypeError, KeyError: the text is anything else.
+        """
         values: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
         return cls(**values)
 

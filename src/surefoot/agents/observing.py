@@ -1,0 +1,41 @@
+"""Observing agents: those that are given the filtered observation at 25 Hz."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from surefoot.task.agent import Inputs
+from surefoot.task.contract import Contract
+
+
+class ObservingAgent:
+    """What networks and the nominal pose have in common: they see the observation, and remember nothing.
+
+    Attributes:
+        contract: what it assumes about the robot.
+        failures: how often it has failed a robot, by reason.
+    """
+
+    inputs: Inputs = "observation"
+
+    def __init__(self, contract: Contract):
+        self.contract = contract
+        self.failures: Counter[str] = Counter()
+
+    @property
+    def rate_hz(self) -> int:
+        """Control steps per second."""
+        return self.contract.policy_hz
+
+    @property
+    def path(self) -> str:
+        """How the joints get from one control step's targets to the next one's."""
+        return self.contract.target_path
+
+    def prepare(self, num_robots: int) -> None:
+        """Get ready for so many robots: there is nothing to do."""
+
+    def reset(self, ids: np.ndarray) -> None:
+        """Forget robots `ids` (n,): nothing is remembered."""

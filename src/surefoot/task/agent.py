@@ -1,0 +1,108 @@
+"""Agents: whoever decides what the joints of a batch of robots do, as the control loop knows them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any, Literal, NamedTuple, Protocol, get_args
+
+import numpy as np
+
+from surefoot.errors import UserError
+from surefoot.rates import CONTROL_HZ, POLICY_HZ
+from surefoot.robots import Robot
+from surefoot.task.contract import Contract
+
+RATES_HZ = tuple(rate for rate in range(POLICY_HZ, CONTROL_HZ + 1) if CONTROL_HZ % rate == 0 and rate % POLICY_HZ == 0)
+"""Rates at which an agent may decide [Hz]: a policy step holds a whole number of its control steps."""
+PATHS = ("cubic", "line", "hold")
+"""How the joint targets get from one control step's to the next one's."""
+
+Inputs = Literal["observation", "state"]
+"""What an agent is given of the robots: the filtered observation vector, or their `State`."""
+
+
+class Command(NamedTuple):
+    """An agent's answer for n robots.
+
+    The joints follow u = stiffness (joint_target - q) + joint_torque - damping dq/dt within the motors' limits.
+
+    Attributes:
+        joint_target: (n, num_joints) [rad]; the loop clips it to the joint ranges.
+        joint_torque: feed-forward torque (n, num_joints) [Nm]; there is none without it.
+    """
+
+    joint_target: np.ndarray
+    joint_torque: np.ndarray | None = None
+
+
+class Agent(Protocol):
+    """A network, a controller, or anything else that answers what it is given of the robots by joint targets."""
+
+    failures: Counter[str]
+    """How often it has failed a robot, by reason and, for an exception, by the error; the loop counts."""
+
+    @property
+    def name(self) -> str:
+        """The name by which tables show it."""
+        ...
+
+    @property
+    def digest(self) -> str:
+        """The key of its results: equal only for agents that act alike."""
+        ...
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that it is made for."""
+        ...
+
+    @property
+    def contract(self) -> Contract:
+        """What it assumes about the robot, in a form that can be stored."""
+        ...
+
+    @property
+    def rate_hz(self) -> int:
+        """Control steps per second, one of `RATES_HZ`."""
+        ...
+
+    @property
+    def path(self) -> str:
+        """How the joints get from one control step's targets to the next one's, one of `PATHS`."""
+        ...
+
+    @property
+    def inputs(self) -> Inputs:
+        """What it wants to be given: "observation" or "state"."""
+        ...
+
+    def prepare(self, num_robots: int) -> None:
+        """Get ready to drive robots 0 to `num_robots` - 1, and forget all robots of before."""
+        ...
+
+    def reset(self, ids: np.ndarray) -> None:
+        """Forget robots `ids` (n,), which begin a trial."""
+        ...
+
+    def __call__(self, inputs: Any, ids: np.ndarray) -> Command:
+        """Decide one control step of robots `ids` (n,).
+
+        Args:
+            inputs: the filtered observations (n, num_observations), or a `State` of n robots.
+            ids: the robots' numbers.
+        """
+        ...
+
+
+def check_agent(agent: Agent) -> None:
+    """Check what an agent wants of the control loop.
+
+    Raises:
+        UserError: it wants a rate, a path or inputs that there are not.
+    """
+    if agent.rate_hz not in RATES_HZ:
+        valid = ", ".join(map(str, RATES_HZ))
+        raise UserError(f"{agent.name} must have a rate_hz of {valid}, not {agent.rate_hz}")
+    for what, value, valid_ones in (("path", agent.path, PATHS), ("inputs", agent.inputs, get_args(Inputs))):
+        if value not in valid_ones:
+            raise UserError(f"{agent.name}'s {what} must be {' or '.join(valid_ones)}, not {value}")
