@@ -83,7 +83,7 @@ def test_a_policy_that_gives_nan_to_one_robot_fails_there_and_nowhere_else(robot
 
 
 def test_every_trial_of_a_policy_that_gives_nan_fails_in_its_first_policy_step(robot: Robot) -> None:
-    trials = [pushed(200.0, seed, whole=False) for seed in range(3)]
+    trials = [pushed(200.0, seed, full_length=False) for seed in range(3)]
     outcomes = run_list(Broken(robot), trials, num_slots=1, num_threads=1)
     assert [outcomes[trial].reason for trial in trials] == ["not finite"] * 3
     # 20 ticks after the start, which is 500 to 519 ticks before the push.

@@ -178,7 +178,7 @@ def test_a_file_and_its_folder_load_the_same_policy(tmp_path: Path, contract: Co
     assert by_folder.digest == by_file.digest
     assert (by_folder.name, by_file.name) == ("my-run", "best")
     observations = np.random.default_rng(0).normal(size=(2, 47))
-    np.testing.assert_array_equal(by_folder(observations, np.arange(2)), by_file(observations, np.arange(2)))
+    np.testing.assert_array_equal(by_folder.actions(observations), by_file.actions(observations))
 
 
 def test_a_policy_runs_without_torch(tmp_path: Path, contract: Contract) -> None:
@@ -187,8 +187,8 @@ def test_a_policy_runs_without_torch(tmp_path: Path, contract: Contract) -> None
     code = f"""
 import sys
 import numpy as np
-from surefoot.policy import load_policy
-from surefoot.trials import run_list
+from surefoot.agents.load import load_policy
+from surefoot.evaluation.trials import run_list
 actions = load_policy({str(file)!r}).actions(np.zeros((1, 47)))
 assert actions.shape == (1, 11) and np.isfinite(actions).all()
 learners = [name for name in ("torch", "stable_baselines3", "sb3_contrib") if name in sys.modules]
@@ -264,7 +264,10 @@ def test_a_contract_with_an_unknown_clause_is_refused(contract: Contract) -> Non
 
 
 def test_a_policy_for_another_robot_is_refused(contract: Contract) -> None:
-    assert refusal(with_contract(contract, robot="atlas")) == "unknown robot 'atlas'; valid: valkyrie"
+    assert (
+        refusal(with_contract(contract, robot="atlas"))
+        == "unknown robot 'atlas'; valid: valkyrie, or a description (.toml)"
+    )
 
 
 def test_a_policy_with_another_joint_order_is_refused(robot: Robot, contract: Contract) -> None:
