@@ -167,8 +167,9 @@ def test_fixed_outcomes_are_those_of_the_scenarios_that_were_run(tmp_path: Path)
 
 
 def test_a_policy_learned_anew_under_the_same_name_is_not_mixed_with_the_old_one(tmp_path: Path) -> None:
-    old, new = NominalAgent(action_scale=1.0), NominalAgent(action_scale=0.5)
-    assert old.name == new.name
+    old, new = NominalAgent(usual_robot(), "straight"), NominalAgent(usual_robot(), "bent")
+    old.name = new.name
+    assert old.digest != new.digest
     quiet, standing = (Scenario(name, search="", directions=1, trials=1) for name in ("quiet", "standing"))
     (trial,) = quiet.lines()[0].fixed_trials()
     with Results(tmp_path / "r.sqlite") as results:
