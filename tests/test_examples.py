@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from surefoot.evaluation import scenarios
+from surefoot.evaluation import scenario_file
 from surefoot.evaluation.scenario_file import suite
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.suites import PAPER, ROBUSTNESS
@@ -53,7 +53,7 @@ def test_every_key_is_on_the_page_with_its_default() -> None:
 
 
 def test_the_ranges_on_the_page_are_those_of_the_code() -> None:
-    for key, (low, high) in scenarios._RANGES.items():
+    for key, (low, high) in scenario_file._RANGES.items():
         *_, row = re.findall(rf"^\| `{key}` \|.*$", PAGE, re.MULTILINE)
         assert f"up to {high:g} " in row if key == "physics_hz" else f"{low:g} to {high:g}" in row, key
 
