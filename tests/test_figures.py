@@ -126,3 +126,10 @@ def test_scenarios_of_a_users_own_directions_have_their_own_keys_only(robot: Rob
     figures = figures_of(robot, thresholds)
     assert figures["root_push_no_step.45"] == 60.0
     assert not {"root_push_no_step.sagittal", "noise.share_kept"} & set(figures)
+
+
+def test_pushes_at_the_root_stand_under_the_last_versions_names_too(robot: Robot) -> None:
+    figures = figures_of(robot, found("root_push", 120.0, 84.0, 96.0, 90.0))
+    new = {key: value for key, value in figures.items() if key.startswith("root_push.")}
+    assert new["root_push.left"] == 84.0
+    assert {key.replace("root_", "pelvis_"): value for key, value in new.items()}.items() <= figures.items()
