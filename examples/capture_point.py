@@ -5,7 +5,7 @@ surefoot evaluate examples/capture_point.py:CapturePoint
 
 import numpy as np
 
-from surefoot.agents.controllers.controller import Command, State
+from surefoot.agents.controllers import Command, State
 
 GAIN = 2.0  # pressure centre ahead of the capture point
 
@@ -16,7 +16,7 @@ class CapturePoint:
     def __init__(self, robot, num_robots):
         self.weight = robot.weight
         self.half = robot.sole_half_size
-        self.pose = robot.pose("bent")
+        self.pose = robot.pose()
         self.pitch = [robot.joint_names.index(f"{side}_ankle_pitch") for side in ("left", "right")]
 
     def reset(self, ids: np.ndarray) -> None:

@@ -109,7 +109,7 @@ def test_targets_are_held_or_go_along_a_line_between_control_steps(robot: Robot)
 # What it is given.
 
 
-@pytest.mark.parametrize("rate_hz", [25, 125, 500])
+@pytest.mark.parametrize("rate_hz", [25, 50, 100, 125, 250, 500])
 def test_it_is_called_at_its_rate(robot: Robot, rate_hz: int) -> None:
     times: list[float] = []
 

@@ -31,7 +31,7 @@ def load_agent(name: str, robot: Robot | None = None) -> Agent:
     Raises:
         UserError: there is none of this name, it cannot be run, or it is a policy for another robot.
     """
-    if name.startswith(PREFIX) or ".py:" in name:
+    if is_controller(name):
         return load_controller(name, robot or usual_robot())
     if name == NOMINAL:
         return NominalAgent(robot or usual_robot())
@@ -39,6 +39,11 @@ def load_agent(name: str, robot: Robot | None = None) -> Agent:
     if robot and policy.robot.fingerprint != robot.fingerprint:
         raise UserError(f"{name} is a policy for {policy.robot.name}, not for {robot.name}")
     return policy
+
+
+def is_controller(name: str) -> bool:
+    """Tell whether a name is that of a controller: `controllers/NAME` or `FILE.py:CLASS`."""
+    return name.startswith(PREFIX) or ".py:" in name
 
 
 @functools.cache

@@ -63,17 +63,19 @@ def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[s
     from surefoot.learning.config import preset
 
     env = PushRecoveryVectorEnv(num_envs, preset("fast", "ppo").env)
-    bare = PushRecoveryVectorEnv(num_envs, preset("fast", "ppo").env).loop.engine
     env.reset(seed=0)
+    engine, bare = env.loop.engine, PushRecoveryVectorEnv(num_envs, preset("fast", "ppo").env).loop.engine
+    assert isinstance(engine, MujocoEngine)  # its bare physics is what is measured
+    assert isinstance(bare, MujocoEngine)
     rng = np.random.default_rng(0)
     spent = {"env": 0.0, "physics": 0.0}
     steps = 0
     began = time.perf_counter()
     while time.perf_counter() - began < seconds:
         actions = 0.2 * rng.standard_normal((num_envs, env.robot.num_joints))
-        bare.copy_state(env.loop.engine)
+        bare.copy_state(engine)
         spent["env"] += _timed(partial(env.step, actions))
-        bare.copy_control(env.loop.engine)
+        bare.copy_control(engine)
         spent["physics"] += _timed(bare.advance)
         steps += num_envs
     return {

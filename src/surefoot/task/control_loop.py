@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from surefoot.errors import UserError
-from surefoot.physics.mujoco_engine import WHOLE_STEP, MujocoEngine
+from surefoot.physics.engine import WHOLE_STEP, Engine
+from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.pushes import Pushes
 from surefoot.physics.signals import Delay, LowPass, Noise, cubic_path
 from surefoot.physics.step_record import StepRecord
@@ -35,9 +36,11 @@ class ControlLoop:
     Args:
         nominal: joint angles that an action of zero means, (num_joints,) [rad].
         action_scale: joint angle [rad] per unit of action.
+        num_threads: of the engine; 0 for all cores.
         domain: what the robots stand on and are made of.
 
     Attributes:
+        engine: the physics of the robots.
         pushes: what pushes the robots, `NUM_PUSHES` slots each; the caller schedules them.
         tick: ticks since each robot's reset, (num_robots,).
         imperfect: which robots have imperfections, bool (num_robots,).
@@ -56,7 +59,7 @@ class ControlLoop:
         self.robot = robot
         self.nominal = nominal
         self.action_scale = action_scale
-        self.engine = MujocoEngine(robot, num_robots, num_threads, domain)
+        self.engine: Engine = MujocoEngine(robot, num_robots, num_threads, domain)
         self.pushes = Pushes(robot, num_robots, NUM_PUSHES)
         self.tick = np.zeros(num_robots, np.int64)
         self.imperfect = np.zeros(num_robots, bool)
@@ -87,8 +90,7 @@ class ControlLoop:
         self._guard = Guard(agent, len(self._everyone), self.robot.num_joints)
         self.nominal = np.array(agent.contract.nominal_pose)
         self._path, num_ticks = agent.path, CONTROL_HZ // agent.rate_hz
-        ticks = [slice(first, first + num_ticks) for first in range(0, TICKS_PER_STEP, num_ticks)]
-        self._parts = ticks if len(ticks) > 1 else [WHOLE_STEP]
+        self._parts = [slice(first, first + num_ticks) for first in range(0, TICKS_PER_STEP, num_ticks)]
         now = self.engine.read(self._everyone)
         if self._seen is not None:
             self._filter.reset(self._everyone, _vectors(now))
@@ -247,7 +249,7 @@ class ControlLoop:
         """Advance robots to motor targets (n, num_joints) within some ticks of a policy step, and observe them."""
         rows = slice(None) if ids is None else ids
         buffer = self.engine.joint_targets
-        num_ticks = TICKS_PER_STEP if ticks == WHOLE_STEP else ticks.stop - ticks.start
+        num_ticks = ticks.stop - ticks.start
         imperfect = np.flatnonzero(self.imperfect[rows])
         if path == CUBIC:  # for all robots and a whole step straight into the buffer
             straight = ids is None and ticks == WHOLE_STEP

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from surefoot.agents.load import BEST, load_policy, shipped_policies, usual_robot
+from surefoot.agents.load import BEST, NOMINAL, is_controller, load_agent, load_policy, shipped_policies, usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import SUFFIX
 from surefoot.errors import UserError
 from surefoot.task.agent import Agent
 
-NOMINAL = "nominal"
 _CHECKPOINTS = (f"last{SUFFIX}", f"best{SUFFIX}")
 """What a run folder offers: the newest first."""
 
 
 class PolicySource:
-    """A shipped policy, "nominal", a policy file, or a run folder whose newest checkpoint is followed.
+    """A shipped policy, "nominal", a controller, a policy file, or a run folder whose newest checkpoint is followed.
 
     Args:
         name: as a user gives it.
@@ -32,7 +31,8 @@ class PolicySource:
     def __init__(self, name: str):
         self.name = name = BEST.get(name, name)
         self.is_waiting = False
-        self._path = None if name == NOMINAL or name in shipped_policies() else Path(name)
+        is_known = name == NOMINAL or name in shipped_policies() or is_controller(name)
+        self._path = None if is_known else Path(name)
         self._seen = self._stamp()
         self.policy = self._load()
 
@@ -79,8 +79,8 @@ class PolicySource:
             return None
 
     def _load(self) -> Agent:
-        if self.name == NOMINAL:
-            return NominalAgent(usual_robot())
+        if self.name == NOMINAL or is_controller(self.name):
+            return load_agent(self.name)
         file = self._file()
         self.is_waiting = file is None and self._path is not None and (self._path / "config.json").exists()
         if self.is_waiting:
