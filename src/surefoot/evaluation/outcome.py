@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.robots import Robot
 
 
@@ -48,10 +47,9 @@ class Outcome:
     speed_peaks: tuple[float, ...]
     saturated_s: tuple[float, ...]
 
-    @property
-    def without_step(self) -> bool:
-        """Recovered, and no foot left its place."""
-        return self.recovered and self.foot_shift <= PROTOCOL.step_length
+    def is_without_step(self, step_length: float) -> bool:
+        """Whether it recovered while no foot came farther than a step's length [m] from its place."""
+        return self.recovered and self.foot_shift <= step_length
 
 
 def joint_groups(robot: Robot) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from surefoot.physics.pushes import PUSH_DURATION
 from surefoot.physics.signals import CUTOFF_HZ
 from surefoot.rates import CONTROL_HZ, POLICY_HZ
+from surefoot.robots import Robot
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,14 @@ class Protocol:
     num_neighbours: int = 4
     min_neighbour_share: float = 0.90
 
+    def grid(self, search: str) -> tuple[float, float]:
+        """Step of the grid along which "impulse", "height" or "tilt" is searched, and where the search ends."""
+        return {
+            "impulse": (self.impulse_step, self.impulse_end),
+            "height": (self.height_step, self.height_end),
+            "tilt": (self.tilt_step_deg, self.tilt_end_deg),
+        }[search]
+
     @property
     def fingerprint(self) -> str:
         """Twelve hexadecimal digits that name the numbers, without the version."""
@@ -107,4 +117,31 @@ class Protocol:
 
 
 PROTOCOL = Protocol()
-"""The protocol of this version of surefoot."""
+"""The protocol of this version of surefoot; its forces, impulses and lengths are those of the paper's robot."""
+
+
+@functools.cache
+def protocol_for(robot: Robot) -> Protocol:
+    """The protocol with forces and impulses scaled by a robot's mass, and lengths by that of its legs.
+
+    The grid of impulses is a whole number of newtons for the duration of a push.
+    """
+    mass, length = robot.mass_scale, robot.length_scale
+    newtons = max(round(PROTOCOL.impulse_step / PROTOCOL.push_duration * mass), 1)
+    impulse_step = round(newtons * PROTOCOL.push_duration, _DIGITS)
+    num_cells = round(PROTOCOL.impulse_end / PROTOCOL.impulse_step)
+    return dataclasses.replace(
+        PROTOCOL,
+        ankle_shift=round(PROTOCOL.ankle_shift * length, _DIGITS),
+        hip_momentum=round(PROTOCOL.hip_momentum * mass * length**1.5, _DIGITS),
+        step_length=round(PROTOCOL.step_length * length, 3),
+        light_force=round(PROTOCOL.light_force * mass, _DIGITS),
+        loaded_force=round(PROTOCOL.loaded_force * mass, _DIGITS),
+        still_distance=round(PROTOCOL.still_distance * length, _DIGITS),
+        impulse_step=impulse_step,
+        impulse_end=round(num_cells * impulse_step, _DIGITS),
+    )
+
+
+_DIGITS = 9
+"""Scaled numbers are rounded to so many digits, so that a scale of one gives the numbers themselves."""

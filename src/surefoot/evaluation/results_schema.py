@@ -8,10 +8,13 @@ import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.protocol import PROTOCOL, Protocol, protocol_for
 from surefoot.evaluation.scenarios import Line, from_json
 from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
+from surefoot.robots import load_robot
 
 SCHEMA = 3
 """Version of the tables, in SQLite's `user_version`."""
@@ -132,6 +135,15 @@ def threshold_of(row: Mapping[str, Any]) -> Threshold:
     Raises:
         KeyError, ValueError, TypeError: it is no such row.
     """
-    line = Line(from_json(json.loads(row["definition"])), row["direction"], float(row["angle_rad"]))
+    scenario = from_json(json.loads(row["definition"]))
+    line = Line(scenario, row["direction"], float(row["angle_rad"]), _protocol_of(row.get("robot")))
     size, low, high = (float(row[key]) for key in ("size", "low", "high"))
     return Threshold(line, size, int(row["trials"]), int(row["recovered"]), low, high, row["limited_by"])
+
+
+def _protocol_of(robot: str | None) -> Protocol:
+    """The protocol scaled to a row's robot; that of the paper's robot where this robot cannot be had."""
+    try:
+        return protocol_for(load_robot(robot)) if robot else PROTOCOL
+    except UserError:
+        return PROTOCOL

@@ -12,7 +12,7 @@ from typing import Any
 
 from surefoot.errors import UserError, notice
 from surefoot.evaluation.protocol import PROTOCOL
-from surefoot.evaluation.scenarios import DIRECTIONS, GRIDS, OLD_KEYS, ROOT, Scenario
+from surefoot.evaluation.scenarios import DIRECTIONS, OLD_KEYS, ROOT, UNITS, Scenario
 from surefoot.rates import CONTROL_HZ, POLICY_DT
 from surefoot.robots import Robot
 
@@ -127,8 +127,8 @@ def _check_together(scenario: Scenario, where: str) -> None:
     twice = _repeated(line.name for line in scenario.lines())
     if twice:
         raise UserError(f"{where}: direction '{twice[0]}' is given twice")
-    if scenario.search not in ("", *GRIDS):
-        raise UserError(f"{where}: unknown search '{scenario.search}'; valid: {', '.join(GRIDS)}, or nothing")
+    if scenario.search not in ("", *UNITS):
+        raise UserError(f"{where}: unknown search '{scenario.search}'; valid: {', '.join(UNITS)}, or nothing")
     if scenario.search == "tilt" and not scenario.drop:
         raise UserError(f"{where}: a searched tilt needs a drop height")
     if scenario.physics_hz % CONTROL_HZ:

@@ -11,7 +11,7 @@ import numpy as np
 
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.protocol import PROTOCOL
+from surefoot.evaluation.protocol import PROTOCOL, Protocol
 from surefoot.evaluation.trials import Trial
 from surefoot.physics.pushes import Drop, Push
 from surefoot.rates import CONTROL_HZ
@@ -28,16 +28,6 @@ ROOT = "root"
 """The word for the floating body of any robot, in code and in results; people read the robot's own word for it."""
 
 
-GRIDS = {
-    "impulse": (PROTOCOL.impulse_step, PROTOCOL.impulse_end),
-    "height": (PROTOCOL.height_step, PROTOCOL.height_end),
-    "tilt": (PROTOCOL.tilt_step_deg, PROTOCOL.tilt_end_deg),
-}
-
-
-"""What can be searched -> step of its grid and where the search ends: Ns (the paper's 50 N for 0.12 s), m, degrees."""
-
-
 OLD_KEYS = {
     "calm_from": "quiet_from",
     "first_impulse": "preceding_impulse",
@@ -48,6 +38,7 @@ OLD_KEYS = {
 
 
 UNITS = {"impulse": "Ns", "height": "m", "tilt": "deg"}
+"""What can be searched, and its unit."""
 
 
 @dataclass(frozen=True)
@@ -112,14 +103,18 @@ class Scenario:
     def unit(self) -> str:
         return UNITS.get(self.search, "Ns")
 
-    def lines(self) -> list[Line]:
-        """One per direction."""
+    def lines(self, protocol: Protocol = PROTOCOL) -> list[Line]:
+        """One line per direction.
+
+        Args:
+            protocol: `protocol_for` the robot that is tested; the paper's robot without it.
+        """
         if isinstance(self.directions, int):
             degrees: Sequence[str | float] = (np.arange(self.directions) * 360.0 / self.directions).tolist()
         else:
             degrees = self.directions
         angles = [DIRECTIONS[d] if isinstance(d, str) else math.radians(d) for d in degrees]
-        return [Line(self, _direction_name(angle), angle) for angle in angles]
+        return [Line(self, _direction_name(angle), angle, protocol) for angle in angles]
 
 
 @dataclass(frozen=True)
@@ -129,19 +124,23 @@ class Line:
     Attributes:
         name: of the direction.
         angle: in the horizontal plane [rad], counter-clockwise from the robot's +x.
+        protocol: of the robot that is tested, whose grid the cells are of.
     """
 
     scenario: Scenario
     name: str
     angle: float
+    protocol: Protocol = PROTOCOL
 
     @property
     def grid(self) -> float:
-        return GRIDS[self.scenario.search][0]
+        """From one cell to the next, in the scenario's unit."""
+        return self.protocol.grid(self.scenario.search)[0]
 
     @property
     def num_cells(self) -> int:
-        step, end = GRIDS[self.scenario.search]
+        """Cells up to where the search ends."""
+        step, end = self.protocol.grid(self.scenario.search)
         return round(end / step)
 
     def size(self, cell: int) -> float:
@@ -157,7 +156,10 @@ class Line:
         return [self._trial(seed, full_length=True) for seed in range(self.scenario.trials)]
 
     def succeeded(self, outcome: Outcome) -> bool:
-        return outcome.without_step if self.scenario.without_step else outcome.recovered
+        """Whether the trial recovered, without a step where the scenario asks for that."""
+        if self.scenario.without_step:
+            return outcome.is_without_step(self.protocol.step_length)
+        return outcome.recovered
 
     def _trial(
         self, seed: int, full_length: bool, *, impulse: float | None = None, height: float | None = None, tilt=0.0

@@ -11,7 +11,7 @@ label has one here:
   between the soles to the CoM, and the angular momentum about the CoM and that axis changed by more than
   `HIP_MOMENTUM`. A body that only sways or topples as one piece turns with that line, which is no hip strategy.
 - **foot tilt**: a sole that carries load stood at more than `TILT_ANGLE` from flat, so on an edge or a corner.
-- **step**: a foot left the floor and landed more than `STEP_LENGTH` from where it left it. A foot that strays as far
+- **step**: a foot left the floor and landed more than `Protocol.step_length` from where it left it. A foot that strays as far
   without one has `slid`, be it on the floor or in small hops.
 
 The first three are of motions that last, so they are judged by a running mean (`SMOOTHING_S`) at 25 Hz. A policy that
@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from surefoot.evaluation.protocol import PROTOCOL
+from surefoot.evaluation.protocol import PROTOCOL, Protocol, protocol_for
 from surefoot.physics.rotations import horizontal, uprightness
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, POLICY_DT, POLICY_HZ
@@ -49,14 +49,10 @@ LOST_DEG = PROTOCOL.lost_tilt_deg
 
 STEP_LENGTH = PROTOCOL.step_length
 """The distance that tells a step, and a recovery with a step from one without [m]."""
-LIGHT_FORCE = PROTOCOL.light_force
-"""Below it a foot carries nothing [N]."""
 LOADED_FORCE = PROTOCOL.loaded_force
 """Above it a foot carries load [N], a seventh of what it does at rest."""
 DEBOUNCE_S = PROTOCOL.debounce_time
 """A foot has left the floor once it has been light for this time, and landed once it has been loaded for it [s]."""
-STILL = PROTOCOL.still_distance
-"""A foot that moves by less in a policy step stands still [m]."""
 
 _STRIDE = PROTOCOL.strategy_stride
 """Means are taken over every fourth tick, at 125 Hz: nothing that lasts 0.1 s is missed, at a third of the cost."""
@@ -112,6 +108,8 @@ class StrategyWatch:
 
     def __init__(self, robot: Robot, num_robots: int):
         self.robot = robot
+        self._protocol = protocol_for(robot)
+        self._least = _least_changes(self._protocol)
         self._mean = np.zeros((num_robots, 11))
         self._before = np.zeros((num_robots, round(REFERENCE_S * POLICY_HZ), 10))
         self._newest = np.zeros(num_robots, np.int64)
@@ -122,12 +120,12 @@ class StrategyWatch:
         self._labels = np.zeros((num_robots, 3), bool)
         self._lost = np.zeros(num_robots, bool)
         self._elapsed = np.zeros(num_robots, np.int64)
-        self._feet = _FootWatch(num_robots)
+        self._feet = _FootWatch(num_robots, self._protocol)
 
     def reset(self, ids: np.ndarray, ticks: StepRecord) -> None:
         """Robots `ids` (n,) begin anew, at rest in the first of their ticks (n, ...)."""
-        self._mean[ids] = _features(ticks)
-        self._before[ids] = _judged(self._mean[ids])[:, None]
+        self._mean[ids] = _features(ticks, self._protocol)
+        self._before[ids] = _judged(self._mean[ids], self._protocol)[:, None]
         for seen in (self._turned, self._spun, self._labels, self._lost, self._elapsed):
             seen[ids] = 0
         self._feet.reset(ids, ticks)
@@ -140,8 +138,8 @@ class StrategyWatch:
             active: bool (n, num_ticks), the ticks at and after the beginning of the disturbance. What comes before
                 refreshes the reference that all is measured against.
         """
-        self._mean[ids] += _SHARE * (_features(ticks) - self._mean[ids])
-        judged = _judged(self._mean[ids])
+        self._mean[ids] += _SHARE * (_features(ticks, self._protocol) - self._mean[ids])
+        judged = _judged(self._mean[ids], self._protocol)
         begun = active[:, -1]
         if not begun.all():
             before = ids[~begun]
@@ -168,7 +166,7 @@ class StrategyWatch:
         reference[:, _TILT] = 0.0  # flat is flat, whatever the habit
         self._reference[ids] = reference
         habit = _changes(before - reference[:, None]).max(axis=1)
-        self._limit[ids] = np.maximum(_LEAST, HABIT * habit)
+        self._limit[ids] = np.maximum(self._least, HABIT * habit)
 
     def _judge(self, ids: np.ndarray, judged: np.ndarray) -> None:
         exceeds = _changes(judged - self._reference[ids]) > self._limit[ids]
@@ -182,7 +180,8 @@ class StrategyWatch:
 class _FootWatch:
     """Feet that leave the floor and land; arrays (num_robots, 2, ...): left, right."""
 
-    def __init__(self, num_robots: int):
+    def __init__(self, num_robots: int, protocol: Protocol):
+        self._protocol = protocol
         self.steps: list[list[Step]] = [[] for _ in range(num_robots)]
         self.slid = np.zeros(num_robots, bool)
         self._place = np.zeros((num_robots, 2, 2))
@@ -206,8 +205,8 @@ class _FootWatch:
         soles = ticks.sole_position[..., :2]
         self._refresh_place(ids, soles, active)
         force = np.ascontiguousarray(ticks.foot_force.swapaxes(0, 1))  # ticks first: twice as fast below
-        light_run = _run_length(force < LIGHT_FORCE, self._light_run[ids])
-        loaded_run = _run_length(force > LOADED_FORCE, self._loaded_run[ids])
+        light_run = _run_length(force < self._protocol.light_force, self._light_run[ids])
+        loaded_run = _run_length(force > self._protocol.loaded_force, self._loaded_run[ids])
         in_air = _latch(light_run == _DEBOUNCE_TICKS, loaded_run == _DEBOUNCE_TICKS, self._in_air[ids])
         was_in_air = np.concatenate([self._in_air[ids][None], in_air[:-1]])
         for tick, row, foot in np.argwhere(in_air != was_in_air).tolist():
@@ -229,14 +228,14 @@ class _FootWatch:
 
     def _land(self, slot: int, foot: int, place: np.ndarray, time: float) -> None:
         length = float(np.linalg.norm(place - self._left_at[slot, foot]))
-        if length > STEP_LENGTH:
+        if length > self._protocol.step_length:
             x, y = place.tolist()
             self.steps[slot].append(Step(("left", "right")[foot], time, (x, y), length))
             self._place[slot, foot] = place
 
     def _find_slid(self, ids: np.ndarray, soles: np.ndarray, active: np.ndarray, stands: np.ndarray) -> None:
         shift = np.linalg.norm(soles - self._place[ids], axis=-1)
-        self.slid[ids] |= active & (stands & (shift > STEP_LENGTH)).any(axis=-1)
+        self.slid[ids] |= active & (stands & (shift > self._protocol.step_length)).any(axis=-1)
 
     def _remember(self, ids: np.ndarray, soles: np.ndarray, light_run: np.ndarray) -> None:
         last = soles.shape[1] - 1 - light_run
@@ -244,16 +243,16 @@ class _FootWatch:
         self._stood_at[ids[rows], feet] = soles[rows, last[rows, feet], feet]
 
 
-def _features(ticks: StepRecord) -> np.ndarray:
+def _features(ticks: StepRecord, protocol: Protocol) -> np.ndarray:
     """Means over the ticks (n, 11): pressure moment x, y [Nm] and force [N] of the feet that stand still, tilts of the
     loaded soles, roll and pitch of the trunk, the same against the legs [rad], angular momentum [kg m^2/s]; heading
     frame from the trunk on."""
     some = slice(None, None, _STRIDE)
     soles = ticks.sole_position
     force = ticks.foot_force[:, some]
-    load = np.where(force > LOADED_FORCE, force, 0.0)
+    load = np.where(force > protocol.loaded_force, force, 0.0)
     moved = np.linalg.norm(soles[:, -1, :, :2] - soles[:, 0, :, :2], axis=-1)
-    standing = load * (moved < STILL)[:, None]
+    standing = load * (moved < protocol.still_distance)[:, None]
     moment = standing[..., None] * (ticks.foot_pressure_point[:, some] - soles[:, some, :, :2])
     tilt = np.arccos(np.clip(uprightness(ticks.foot_orientation[:, some]), -1.0, 1.0))
     trunk = ticks.torso_attitude[:, :, some]
@@ -270,9 +269,10 @@ def _features(ticks: StepRecord) -> np.ndarray:
     return np.concatenate(columns, axis=1)
 
 
-def _judged(mean: np.ndarray) -> np.ndarray:
+def _judged(mean: np.ndarray, protocol: Protocol) -> np.ndarray:
     """Running means (n, 11) with the moment over the force, the CoP within the soles [m], in their place: (n, 10)."""
-    return np.concatenate([mean[:, _MOMENT] / np.maximum(mean[:, _FORCE], LOADED_FORCE), mean[:, _REST]], axis=1)
+    force = np.maximum(mean[:, _FORCE], protocol.loaded_force)
+    return np.concatenate([mean[:, _MOMENT] / force, mean[:, _REST]], axis=1)
 
 
 def _changes(difference: np.ndarray) -> np.ndarray:
@@ -303,5 +303,6 @@ def _latch(on: np.ndarray, off: np.ndarray, before: np.ndarray) -> np.ndarray:
     return latest % 2 == 1
 
 
-_LEAST = np.repeat([ANKLE_SHIFT, TILT_ANGLE, HIP_ANGLE, HIP_ANGLE, HIP_MOMENTUM], 2)
-"""Least changes that count, by column."""
+def _least_changes(protocol: Protocol) -> np.ndarray:
+    """Least changes that count, by column (10,)."""
+    return np.repeat([protocol.ankle_shift, TILT_ANGLE, HIP_ANGLE, HIP_ANGLE, protocol.hip_momentum], 2)

@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from surefoot.errors import UserError
+from surefoot.evaluation.protocol import protocol_for
 from surefoot.rendering.film import draw_moment
 from surefoot.rendering.lettering import GREY, INK, draw_legend, font_of, verdict_ink, write_label
 from surefoot.rendering.recording import Recording
@@ -62,7 +63,9 @@ def _strip_pictures(recording: Recording, times: Sequence[float], size: tuple[in
 
 def _write_caption(strip: Image.Image, top: float, recording: Recording) -> None:
     draw, y = ImageDraw.Draw(strip), top + 16
-    verdict = [recording.outcome.reason] + ["without a step"] * recording.outcome.without_step
+    verdict = [recording.outcome.reason] + ["without a step"] * recording.outcome.is_without_step(
+        protocol_for(recording.robot).step_length
+    )
     lines = [(text, 21, INK) for text in textwrap.wrap(trial_words(recording.trial), 14)]
     lines += [(text, 18, verdict_ink(recording.outcome)) for text in verdict]
     lines += [(text, 14, GREY) for text in textwrap.wrap(recording.policy, 20)]

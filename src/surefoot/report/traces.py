@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import binary_closing
 
+from surefoot.evaluation.protocol import protocol_for
 from surefoot.evaluation.recorded import RecordedTrial, record_trials
-from surefoot.evaluation.strategies import DEBOUNCE_S, LOADED_FORCE, Strategies, StrategyWatch
+from surefoot.evaluation.strategies import DEBOUNCE_S, Strategies, StrategyWatch
 from surefoot.evaluation.trials import Trial
 from surefoot.physics.rotations import roll_pitch
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
@@ -45,7 +46,7 @@ class Trace(RecordedTrial):
     @cached_property
     def foot_loaded(self) -> np.ndarray:
         """Does the foot carry load, but for chatter? bool (num_ticks, 2): left, right."""
-        loaded = self.ticks.foot_force[0] > LOADED_FORCE
+        loaded = self.ticks.foot_force[0] > protocol_for(self.ticks.robot).loaded_force
         gap = np.ones((round(DEBOUNCE_S / CONTROL_DT) + 1, 1))
         return loaded | binary_closing(loaded, gap)
 

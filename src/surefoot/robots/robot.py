@@ -18,10 +18,10 @@ from surefoot.robots.model import SOLES, compile_model
 FEET = ("left", "right")
 """The order of the feet, wherever there are two of something."""
 
-GRID_FORCE = 50.0 / 137.287494
-"""Force per mass from one cell of the grid of impulses to the next [N/kg]: the paper's 50 N on its robot."""
-STEP_SHARE = 0.03 / 0.986129
-"""A foot that moves by more than this share of the leg's length has stepped."""
+REFERENCE_MASS = 137.287494
+"""Of the paper's robot [kg]: what is given in newtons for it is scaled by the mass for other robots."""
+REFERENCE_LEG = 0.986129
+"""Length of its legs, from the hip's first joint to the sole [m]: what is given in metres is scaled by the legs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,14 +100,14 @@ class Robot:
         return self.mass * self.gravity
 
     @property
-    def impulse_step(self) -> float:
-        """From one cell of the grid of impulses to the next [Ns]: a whole newton for 0.12 s, scaled by the mass."""
-        return round(max(round(GRID_FORCE * self.mass), 1) * 0.12, 9)
+    def mass_scale(self) -> float:
+        """Mass over that of the paper's robot."""
+        return self.mass / REFERENCE_MASS
 
     @property
-    def step_length(self) -> float:
-        """A foot that moves farther has stepped [m]; scaled by the leg's length, rounded to a millimetre."""
-        return round(STEP_SHARE * self.leg_length, 3)
+    def length_scale(self) -> float:
+        """Length of the legs over that of the paper's robot."""
+        return self.leg_length / REFERENCE_LEG
 
     @functools.cached_property
     def standing_height(self) -> float:
