@@ -10,6 +10,7 @@ import pytest
 from conftest import TIPTOE
 
 from surefoot.errors import UserError
+from surefoot.evaluation.protocol import PROTOCOL, protocol_for
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord
 from surefoot.robots import Robot, load_robot
@@ -97,16 +98,21 @@ def test_soles_masses_and_scales_are_measured_on_the_model(tiptoe: Robot) -> Non
     np.testing.assert_allclose(tiptoe.sole_half_size, [0.065, 0.03], atol=1e-9)
     # Base 2.2, trunk 2.4, arms 2 x 0.25, legs 2 x (0.2 + 0.2 + 0.5 + 0.3 + 0.25) kg.
     assert tiptoe.mass == pytest.approx(8.0)
-    # 50 N x 8 / 137.29 = 2.9 N, so 3 N for 0.12 s.
-    assert tiptoe.impulse_step == 0.36
-    # From the yaw joint down: 0.02 + 0.2 + 0.2 + 0.035 m; 3 cm of 0.986 m scaled to that are 14 mm.
+    # From the yaw joint down: 0.02 + 0.2 + 0.2 + 0.035 m.
     assert tiptoe.leg_length == pytest.approx(0.455)
-    assert tiptoe.step_length == 0.014
 
 
-def test_the_shipped_robots_scales_are_those_of_the_paper(robot: Robot) -> None:
-    assert robot.impulse_step == 6.0
-    assert robot.step_length == 0.03
+def test_forces_and_impulses_are_scaled_by_the_mass_and_lengths_by_the_legs(tiptoe: Robot) -> None:
+    protocol = protocol_for(tiptoe)
+    # 50 N x 8 / 137.29 = 2.9 N, so 3 N for 0.12 s; 150 cells as for the paper's robot.
+    assert (protocol.impulse_step, protocol.impulse_end) == (0.36, 54.0)
+    # 3 cm of 0.986 m scaled to 0.455 m are 14 mm; 100 N x 8 / 137.29 = 5.83 N.
+    assert protocol.step_length == 0.014
+    assert protocol.loaded_force == pytest.approx(5.827, abs=1e-3)
+
+
+def test_the_protocol_of_the_papers_robot_is_the_protocol_itself(robot: Robot) -> None:
+    assert protocol_for(robot) == PROTOCOL
 
 
 def test_the_floor_is_ours_and_not_the_files_slippery_one(tiptoe: Robot) -> None:

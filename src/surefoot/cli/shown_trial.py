@@ -18,6 +18,7 @@ def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
     Raises:
         UserError: there is no such scenario, direction, size or seed.
     """
+    from surefoot.evaluation.protocol import protocol_for
     from surefoot.evaluation.scenario_file import suite
     from surefoot.evaluation.scenarios import canonical_name
     from surefoot.evaluation.suites import SUITES
@@ -30,7 +31,7 @@ def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
     key = key if key in scenarios else canonical_name(key, robot.root)
     if key not in scenarios:
         raise UserError(f"unknown scenario '{key}'; valid: {', '.join(scenarios)}")
-    lines = {line.name: line for line in scenarios[key].lines()}
+    lines = {line.name: line for line in scenarios[key].lines(protocol_for(robot))}
     if direction not in lines:
         raise UserError(f"{key} has no direction '{direction}'; valid: {', '.join(lines)}")
     line = lines[direction]

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.protocol import PROTOCOL, protocol_for
 from surefoot.evaluation.results import Results, TrialStore
 from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario
 from surefoot.evaluation.threshold_search import FixedTrials, Threshold, ThresholdSearch, TrialRequest
 from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
+from surefoot.robots import Robot, load_robot
 from surefoot.task.agent import Agent
 
 __all__ = ["DIRECTIONS", "Line", "Store", "Threshold", "find_thresholds", "push_lines", "run_scenarios"]
@@ -34,9 +36,14 @@ OnProgress = Callable[[int, int, list[tuple[Line, float]]], None]
 """Told after every trial: trials done, lines done, and the size reached along each line."""
 
 
-def push_lines(num_directions: int = 4) -> list[Line]:
-    """Lines of pushes at the root in evenly spaced directions; the four main ones bear their names."""
-    return Scenario("root_push", directions=num_directions).lines()
+def push_lines(num_directions: int = 4, robot: Robot | None = None) -> list[Line]:
+    """Lines of pushes at the root in evenly spaced directions; the four main ones bear their names.
+
+    Args:
+        num_directions: how many.
+        robot: whose grid of impulses is searched; the paper's robot without it.
+    """
+    return Scenario("root_push", directions=num_directions).lines(protocol_for(robot) if robot else PROTOCOL)
 
 
 def run_scenarios(
@@ -55,10 +62,10 @@ def run_scenarios(
     Returns:
         The thresholds of all lines that are searched.
     """
-    scenarios = list(scenarios)
+    scenarios, protocol = list(scenarios), protocol_for(load_robot(policy.contract.robot))
     thresholds: list[Threshold] = []
     for domain in dict.fromkeys(scenario.domain for scenario in scenarios):
-        lines = [line for s in scenarios if s.domain == domain for line in s.lines()]
+        lines = [line for s in scenarios if s.domain == domain for line in s.lines(protocol)]
         search = _Search(lines, store, on_progress)
         run_trials(policy, search, domain=domain, **options)
         thresholds += search.thresholds()

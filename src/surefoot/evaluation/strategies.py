@@ -11,8 +11,8 @@ label has one here:
   between the soles to the CoM, and the angular momentum about the CoM and that axis changed by more than
   `HIP_MOMENTUM`. A body that only sways or topples as one piece turns with that line, which is no hip strategy.
 - **foot tilt**: a sole that carries load stood at more than `TILT_ANGLE` from flat, so on an edge or a corner.
-- **step**: a foot left the floor and landed more than `Protocol.step_length` from where it left it. A foot that strays as far
-  without one has `slid`, be it on the floor or in small hops.
+- **step**: a foot left the floor and landed more than `Protocol.step_length` from where it left it. A foot that
+  strays as far without one has `slid`, be it on the floor or in small hops.
 
 The first three are of motions that last, so they are judged by a running mean (`SMOOTHING_S`) at 25 Hz. A policy that
 rocks, tilts its feet or turns its trunk when nobody pushes does not do so because of a push: a motion counts only if

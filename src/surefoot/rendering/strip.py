@@ -63,9 +63,8 @@ def _strip_pictures(recording: Recording, times: Sequence[float], size: tuple[in
 
 def _write_caption(strip: Image.Image, top: float, recording: Recording) -> None:
     draw, y = ImageDraw.Draw(strip), top + 16
-    verdict = [recording.outcome.reason] + ["without a step"] * recording.outcome.is_without_step(
-        protocol_for(recording.robot).step_length
-    )
+    stayed = recording.outcome.is_without_step(protocol_for(recording.robot).step_length)
+    verdict = [recording.outcome.reason] + ["without a step"] * stayed
     lines = [(text, 21, INK) for text in textwrap.wrap(trial_words(recording.trial), 14)]
     lines += [(text, 18, verdict_ink(recording.outcome)) for text in verdict]
     lines += [(text, 14, GREY) for text in textwrap.wrap(recording.policy, 20)]

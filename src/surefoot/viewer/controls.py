@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import viser
 
+from surefoot.evaluation.protocol import protocol_for
 from surefoot.physics.pushes import Push, horizontal_push
 from surefoot.rendering.words import pushable_words
 from surefoot.robots import Robot
@@ -103,7 +104,7 @@ class Controls:
             self._policies.options = self._offered()
 
     def _add_pushes(self, robot: Robot) -> None:
-        gui, step = self._gui, robot.impulse_step
+        gui, step = self._gui, protocol_for(robot).impulse_step
         self._bodies = pushable_words(robot)
         self._body = gui.add_dropdown("Body", tuple(self._bodies), initial_value=next(iter(self._bodies)))
         self._angle = gui.add_slider(
