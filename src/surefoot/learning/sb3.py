@@ -30,7 +30,7 @@ class Normalisation:
         names = observation.component_names(env.robot)
         for i, name in enumerate(names):
             if name.startswith("foot_force"):
-                standing[i] = 0.5 * env.robot.weight / observation.FOOT_FORCE_UNIT
+                standing[i] = 0.5 * env.robot.weight / env.robot.load_unit
         source, sign = observation.mirror(env.robot)
         self.mean = 0.5 * (standing + sign * standing[source])
         self.std = observation.scales(env.robot)

@@ -114,15 +114,7 @@ def read_description(file: Path) -> Description:
     Raises:
         UserError: the file is missing, is not TOML, or has a wrong key or value; the message names it.
     """
-    try:
-        values = tomllib.loads(file.read_text())
-    except OSError as error:
-        raise UserError(f"cannot read robot {file}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise UserError(f"cannot read robot {file}: {error}") from error
-    _check_keys(values, _KEYS, str(file), _NEEDED)
-    for key, value in values.items():
-        _check_kind(value, _KEYS[key], f"{file}: {key}")
+    values = _read_table(file)
     model = file.parent / values["model"]
     if not model.is_file():
         raise UserError(f"{file}: there is no model file {model}")
@@ -130,12 +122,7 @@ def read_description(file: Path) -> Description:
     _check_texts(torso, f"{file}: torso", ("body", "site"), ("body",))
     feet = values["feet"]
     _check_texts(feet, f"{file}: feet", ("left", "right"), ("left", "right"))
-    poses = {name: _angles(pose, f"{file}: pose {name}") for name, pose in values["poses"].items()}
-    if not poses:
-        raise UserError(f"{file}: at least one pose is needed")
-    default_pose = values.get("default_pose", next(iter(poses)))
-    if default_pose not in poses:
-        raise UserError(f"{file}: unknown default_pose '{default_pose}'; valid: {', '.join(poses)}")
+    poses, default_pose = _poses(values, file)
     return Description(
         file=file,
         model=model,
@@ -155,6 +142,31 @@ def read_description(file: Path) -> Description:
         own_actuators=values.get("own_actuators", False),
         symmetric=values.get("symmetric", True),
     )
+
+
+def _read_table(file: Path) -> dict[str, Any]:
+    """The file's table, its keys and the kinds of their values checked."""
+    try:
+        values = tomllib.loads(file.read_text())
+    except OSError as error:
+        raise UserError(f"cannot read robot {file}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise UserError(f"cannot read robot {file}: {error}") from error
+    _check_keys(values, _KEYS, str(file), _NEEDED)
+    for key, value in values.items():
+        _check_kind(value, _KEYS[key], f"{file}: {key}")
+    return values
+
+
+def _poses(values: dict[str, Any], file: Path) -> tuple[dict[str, dict[str, float]], str]:
+    """The poses, and the name of the default one."""
+    poses = {name: _angles(pose, f"{file}: pose {name}") for name, pose in values["poses"].items()}
+    if not poses:
+        raise UserError(f"{file}: at least one pose is needed")
+    default_pose = values.get("default_pose", next(iter(poses)))
+    if default_pose not in poses:
+        raise UserError(f"{file}: unknown default_pose '{default_pose}'; valid: {', '.join(poses)}")
+    return poses, default_pose
 
 
 def _motor(values: Any, where: str) -> Motor:

@@ -1,9 +1,10 @@
 """Observation: what the policy sees, as an ordered table of named, heading-invariant quantities.
 
-The vector of Yang et al. 2018, section IV-C, in R^47: positions are relative to the root, and every vector is
-turned into the heading frame (the world turned by the root yaw). Units: rad, m, m/s, rad/s; joint velocities as a
-share of their limit, foot forces in units of 800 N. The policy needs one filtered vector per step, so that the filter
-gets SI units in whole blocks of ticks, and the vector its order and its units afterwards.
+The vector of Yang et al. 2018, section IV-C, in R^47 for the paper's robot: positions are relative to the root, and
+every vector is turned into the heading frame (the world turned by the root's yaw). Units are rad, m, m/s and rad/s;
+joint velocities are shares of their limit, and foot forces are in units of the robot's reference load. The policy needs
+one filtered vector per step, so the filter gets SI units in whole blocks of ticks, and the vector gets its order and
+its units afterwards.
 """
 
 from __future__ import annotations
@@ -16,9 +17,6 @@ import numpy as np
 
 from surefoot.physics.step_record import HEADING_BLOCK, StepRecord
 from surefoot.robots import Robot
-
-FOOT_FORCE_UNIT = 800.0
-
 
 _XYZ = ("x", "y", "z")
 
@@ -47,7 +45,7 @@ TABLE: dict[str, Quantity] = {
     "root_attitude": Quantity(("roll", "pitch"), scale=0.2),
     "com_velocity": Quantity(_XYZ, scale=0.5),
     "com_position": Quantity(_XYZ, scale=0.1),
-    "foot_force": Quantity(("left", "right"), scale=0.5, unit=lambda robot: FOOT_FORCE_UNIT),
+    "foot_force": Quantity(("left", "right"), scale=0.5, unit=lambda robot: robot.load_unit),
     "torso_position": Quantity(_XYZ, scale=0.1),
     "left_foot_position": Quantity(_XYZ, scale=0.2),
     "right_foot_position": Quantity(_XYZ, scale=0.2),
@@ -57,7 +55,7 @@ TABLE: dict[str, Quantity] = {
 def component_names(robot: Robot) -> tuple[str, ...]:
     """Names of the vector's components in order: ``joint_position.JOINT``, ..., ``right_foot_position.z``.
 
-    The root has the robot's own word for it, such as ``pelvis_velocity.x``.
+    The root has the robot's own word for it, as in ``base_velocity.x`` of a robot whose root is "base".
     """
     named = ((name.replace("root", robot.root, 1) if name.startswith("root_") else name, c) for name, c in parts(robot))
     return tuple(f"{name}.{component}" for name, component in named)
