@@ -17,7 +17,8 @@ import pytest
 from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trials import Trial, run_list
-from surefoot.learning.config import TrainConfig, preset
+from surefoot.learning.config import TrainConfig
+from surefoot.learning.preset_file import preset
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.pushes import Push, Pushes
 from surefoot.physics.step_record import StepRecord

@@ -15,9 +15,10 @@ from surefoot.evaluation.evaluate import push_lines
 from surefoot.evaluation.results_export import read_thresholds
 from surefoot.evaluation.scenarios import DIRECTIONS, canonical_name
 from surefoot.evaluation.suites import PAPER
-from surefoot.learning.ablations import LEFT_OUT, ablation_table
+from surefoot.learning.ablations import LEFT_OUT
 from surefoot.learning.curve import read_curve
 from surefoot.report import metrics as figures
+from surefoot.report.ablations import ablation_table
 from surefoot.report.thresholds import root_pushes
 from surefoot.robots import load_robot
 

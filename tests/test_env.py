@@ -6,8 +6,12 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from surefoot.errors import UserError
+from surefoot.learning.preset_file import preset
+from surefoot.physics.step_record import StepRecord
+from surefoot.task import gymnasium_env
 from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
 from surefoot.task.random_pushes import PUSH, DisturbanceConfig
+from surefoot.task.reward import RewardContext, Term
 
 NO_PUSH = DisturbanceConfig(impulse=(0.0, 0.0))
 KICK = DisturbanceConfig(impulse=(400.0, 400.0), first=(0.1, 0.1))
@@ -15,7 +19,7 @@ PITCH, JOINTS = 29, slice(0, 11)  # root_attitude.pitch and joint_position of th
 
 
 def make_env(num_envs: int, num_threads: int = 1, **config: object) -> PushRecoveryVectorEnv:
-    return PushRecoveryVectorEnv(num_envs, EnvConfig(**config), num_threads)
+    return PushRecoveryVectorEnv(num_envs, EnvConfig(**{"robot": "valkyrie", **config}), num_threads)
 
 
 def rollout(env: PushRecoveryVectorEnv, seed: int, num_steps: int) -> list[np.ndarray]:
@@ -277,23 +281,28 @@ def test_power_is_paid_for_by_its_weight() -> None:
     assert power < -1e-3
 
 
-@pytest.mark.parametrize(("impulse", "price"), [(40.0, 1.0), (90.0, 0.5), (200.0, 0.0)])
+@pytest.mark.parametrize(("impulse", "share"), [(40.0, 1.0), (90.0, 0.5), (200.0, 0.0)])
 def test_foot_travel_costs_after_small_pushes_and_is_free_for_a_while_after_large_ones(
-    impulse: float, price: float
+    impulse: float, share: float
 ) -> None:
     """Free from 60 to 120 Ns on: 90 Ns is half way."""
     push = DisturbanceConfig(impulse=(impulse, impulse), first=(0.4, 0.4))
     env = make_env(
-        1, pose="bent", disturbance=push, travel_weight=((0.0, 2.0),), travel_free=(60.0, 120.0), travel_free_s=0.5
+        1,
+        pose="bent",
+        disturbance=push,
+        foot_travel_weight=((0.0, 2.0),),
+        step_penalty_fade=(60.0, 120.0),
+        step_penalty_waiver_s=0.5,
     )
     env.reset(seed=0)
     paid = []
     for _ in range(24):
         env.step(np.zeros((1, 11)))
-        paid.append(float(np.asarray(env._charged())[0]))
+        paid.append(float(env.step_penalty_share()[0]))
     # Steps of 0.04 s: before the push at 0.4 s all costs; from its first step on the share; 0.5 s later all again.
     np.testing.assert_allclose(paid[:10], 1.0)
-    np.testing.assert_allclose(paid[10:22], price)
+    np.testing.assert_allclose(paid[10:22], share)
     np.testing.assert_allclose(paid[22:], 1.0)
 
 
@@ -302,8 +311,8 @@ def test_the_nominal_pose_is_asked_for_until_the_first_push_after_which_stepping
     impulse: float, pays: bool
 ) -> None:
     push = DisturbanceConfig(impulse=(impulse, impulse), first=(0.4, 0.4))
-    prices = {"posture_weight": ((0.0, 2.0),), "travel_free": (60.0, 120.0), "travel_free_s": 0.2}
-    env = make_env(1, pose="bent", disturbance=push, **prices)
+    weights = {"posture_weight": ((0.0, 2.0),), "step_penalty_fade": (60.0, 120.0), "step_penalty_waiver_s": 0.2}
+    env = make_env(1, pose="bent", disturbance=push, **weights)
     env.reset(seed=0)
     paid = []
     for _ in range(24):
@@ -317,10 +326,10 @@ def test_the_nominal_pose_is_asked_for_until_the_first_push_after_which_stepping
 
 
 def test_moving_is_free_after_a_drop_and_stepping_also_to_robots_with_noise() -> None:
-    prices = {"travel_weight": ((0.0, 2.0),), "sway_weight": ((0.0, 2.0),), "travel_free": (60.0, 120.0)}
+    weights = {"foot_travel_weight": ((0.0, 2.0),), "sway_weight": ((0.0, 2.0),), "step_penalty_fade": (60.0, 120.0)}
     drop, noise = {"drop_share": 1.0, "drop_height": (0.1, 0.1)}, {"noise_share": 1.0, "action_noise": 0.1}
     for config, paid in ((drop, (False, False)), (noise, (False, True)), ({}, (True, True))):
-        env = make_env(2, disturbance=NO_PUSH, **prices, **config)
+        env = make_env(2, disturbance=NO_PUSH, **weights, **config)
         env.reset(seed=0)
         env.step(np.full((2, 11), 0.2))
         assert (env.reward_means["foot_travel"] < 0.0, env.reward_means["sway"] < 0.0) == paid
@@ -339,21 +348,21 @@ def test_a_share_of_the_episodes_has_noise_of_any_size_up_to_the_largest() -> No
     assert sizes[noisy].mean() == pytest.approx(0.05, abs=4 * 0.003)
 
 
-def test_a_critic_is_told_what_is_charged_and_how_noisy_its_robot_is() -> None:
+def test_a_critic_is_told_the_share_of_the_step_penalties_and_how_noisy_its_robot_is() -> None:
     config = {
         "pose": "bent",
-        "travel_weight": ((0.0, 1.0),),
-        "travel_free": (50.0, 150.0),
+        "foot_travel_weight": ((0.0, 1.0),),
+        "step_penalty_fade": (50.0, 150.0),
         "noise_share": 0.5,
         "action_noise": 0.01,
         "disturbance": DisturbanceConfig(impulse=(75.0, 75.0), first=(0.1, 0.1)),
     }
     env = make_env(40, **config)
     env.reset(seed=0)
-    np.testing.assert_array_equal(env.foreseen()[:, 9:11], 1.0)
+    np.testing.assert_array_equal(env.privileged_observation()[:, 9:11], 1.0)
     for _ in range(4):  # 0.16 s: pushed
         env.step(np.zeros((40, 11)))
-    told = env.foreseen()
+    told = env.privileged_observation()
     # 75 Ns are a quarter of the way from 50 to 150: three quarters of the price; and it is no longer all of it.
     np.testing.assert_allclose(told[:, 9], 0.75)
     np.testing.assert_array_equal(told[:, 10], 0.0)
@@ -400,3 +409,30 @@ def test_gymnasiums_vector_wrappers_accept_the_environment() -> None:
     assert truncated.all()
     np.testing.assert_allclose(info["episode"]["r"], total, rtol=1e-6)
     np.testing.assert_array_equal(info["episode"]["l"], [10, 10])
+
+
+def test_a_reward_term_of_ones_own_is_added_by_configuration() -> None:
+    def torso_height(record: StepRecord, context: RewardContext) -> np.ndarray:
+        return np.full((3, len(record)), 0.5)
+
+    def make(**config: object) -> PushRecoveryVectorEnv:
+        env = make_env(3, pose="bent", disturbance=NO_PUSH, **config)
+        env.reset(seed=0)
+        return env
+
+    plain, own = make(), make(extra_terms={"torso_height": Term(torso_height, weight=0.4)})
+    _, without, *_ = plain.step(np.zeros((3, 11)))
+    _, rewards, *_ = own.step(np.zeros((3, 11)))
+    # A penalty of 0.4 per unit of 0.5: 0.1 * 0.4 * 0.5 = 0.02 of a step.
+    np.testing.assert_allclose(without - rewards, 0.02, rtol=1e-9)
+    assert own.reward_means == {**plain.reward_means, "torso_height": pytest.approx(-0.2)}
+    with pytest.raises(UserError, match="the reward has a term 'sway' already"):
+        make(extra_terms={"sway": Term(torso_height, weight=0.4)})
+
+
+def test_gymnasium_makes_the_task_that_is_learned_in_minutes() -> None:
+    assert gymnasium_env.ENV_ID == "surefoot/PushRecovery-v0"  # that import makes it known
+    env = gym.make("surefoot/PushRecovery-v0").unwrapped
+    assert env.batch.config == preset("fast", "ddpg").env
+    other = EnvConfig("valkyrie", pose="straight")
+    assert gym.make("surefoot/PushRecovery-v0", config=other).unwrapped.batch.config == other

@@ -8,12 +8,12 @@ import pytest
 import torch
 from conftest import tiny
 
-import surefoot.learning.train as train_module
+import surefoot.learning.warm_start as warm_start_module
 from surefoot.agents.load import load_policy
 from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError
+from surefoot.learning.actor import actor_network, network_layers
 from surefoot.learning.config import TrainConfig
-from surefoot.learning.networks import actor_layers
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.train import Trainer, train
 from surefoot.task.environment import EnvConfig
@@ -32,7 +32,7 @@ def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 def fine_tuning(config: TrainConfig, file: Path, folder: Path, **changes) -> Trainer:
     config = dataclasses.replace(config, **changes)
-    return Trainer(config, RunFolder.create(folder, config), after=load_policy(file))
+    return Trainer(config, RunFolder.create(folder, config), start=load_policy(file))
 
 
 def acts(policy: NetworkAgent) -> np.ndarray:
@@ -53,7 +53,9 @@ def test_a_run_after_a_policy_begins_with_its_actions_and_its_record(
     assert record["policy_steps"] == before["policy_steps"] > 0
     assert record["after"] == {key: before[key] for key in ("preset", "seed", "policy_steps", "minutes")}
     # What explores is the same actor, and not only what is kept.
-    for ours, averaged in zip(actor_layers(trainer.model), trainer._average, strict=True):
+    for ours, averaged in zip(
+        *map(network_layers, (actor_network(trainer.model), trainer.learner.average.averaged)), strict=True
+    ):
         np.testing.assert_allclose(ours[0], averaged[0], atol=1e-6)
 
 
@@ -61,7 +63,7 @@ def test_the_critic_learns_first_and_the_actor_after_it(
     learned: tuple[TrainConfig, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config, file = learned
-    monkeypatch.setattr(train_module, "CRITIC_FIRST_STEPS", 300)
+    monkeypatch.setattr(warm_start_module, "CRITIC_FIRST_STEPS", 300)
     trainer = fine_tuning(config, file, tmp_path / "run", steps=256)
     value = _critic_weight(trainer)
     trainer.run()
@@ -83,18 +85,21 @@ def test_the_critic_learns_first_and_the_actor_after_it(
     [
         ({"algorithm": "ppo"}, "learned with algorithm ddpg, this run has ppo"),
         ({"actor": (10, 10)}, r"learned with hidden layers \(100, 50, 25\), this run has \(10, 10\)"),
-        ({"env": EnvConfig(pose="bent", action_scale=0.6)}, "learned with action_scale 0.8, this run has 0.6"),
-        ({"env": EnvConfig(pose="straight", action_scale=0.8)}, "learned with nominal pose"),
+        (
+            {"env": EnvConfig("valkyrie", pose="bent", action_scale=0.6)},
+            "learned with action_scale 0.8, this run has 0.6",
+        ),
+        ({"env": EnvConfig("valkyrie", pose="straight", action_scale=0.8)}, "learned with nominal pose"),
     ],
     ids=["algorithm", "layers", "action scale", "pose"],
 )
 def test_a_run_cannot_begin_with_a_policy_that_does_not_fit(change: dict, message: str, tmp_path: Path) -> None:
-    config = dataclasses.replace(tiny("ddpg"), env=EnvConfig(pose="bent", action_scale=0.8))
+    config = dataclasses.replace(tiny("ddpg"), env=EnvConfig("valkyrie", pose="bent", action_scale=0.8))
     with pytest.raises(UserError, match=message):
-        train(dataclasses.replace(config, **change), tmp_path / "run", after="ddpg")
+        train(dataclasses.replace(config, **change), tmp_path / "run", start="ddpg")
     assert not (tmp_path / "run").exists()
     with pytest.raises(UserError, match=r"cannot read policy nobody: .*shipped policies: ddpg, ppo, trpo"):
-        train(config, tmp_path / "run", after="nobody")
+        train(config, tmp_path / "run", start="nobody")
 
 
 def _critic_weight(trainer: Trainer) -> torch.Tensor:

@@ -13,10 +13,11 @@ from stable_baselines3.common.vec_env import VecMonitor
 
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.policy_file import network_bytes
-from surefoot.learning.config import TrainConfig, preset
+from surefoot.learning.actor import actor_network, network_layers
+from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import ExplorationNoise
 from surefoot.learning.models import limit_exploration, make_model
-from surefoot.learning.networks import actor_layers
+from surefoot.learning.preset_file import preset
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
 from surefoot.learning.train import Trainer, train
@@ -31,7 +32,7 @@ ALGORITHMS = ("trpo", "ppo", "ddpg")
 
 def make(config: TrainConfig):
     env = PushRecoveryVectorEnv(config.num_envs, config.env)
-    venv = SB3VecEnv(env, config.foresight)
+    venv = SB3VecEnv(env, config.privileged_critic)
     return make_model(config, venv, np.random.default_rng(0), 1e-3), venv
 
 
@@ -79,12 +80,14 @@ def test_the_policy_file_acts_as_the_network_that_was_trained(algorithm: str) ->
         parameter.data += 0.1 * torch.randn_like(parameter)
     normalise = venv.normalise
     contract = Contract.of(venv.env.robot, "bent", 0.6)
-    data = network_bytes(actor_layers(model), normalise.mean, normalise.std, algorithm == "ddpg", contract)
+    data = network_bytes(
+        network_layers(actor_network(model)), normalise.mean, normalise.std, algorithm == "ddpg", contract
+    )
     inputs = np.random.default_rng(0).standard_normal((16, 47))
     raw = inputs * normalise.std + normalise.mean
     # Whatever a critic is told of the next push, the policy does not know.
-    foreseen = np.random.default_rng(1).standard_normal((16, model.observation_space.shape[0] - 47))
-    expected, _ = model.predict(np.concatenate([inputs, foreseen], axis=1, dtype=np.float32), deterministic=True)
+    privileged = np.random.default_rng(1).standard_normal((16, model.observation_space.shape[0] - 47))
+    expected, _ = model.predict(np.concatenate([inputs, privileged], axis=1, dtype=np.float32), deterministic=True)
     actual = np.clip(NetworkAgent(data, "test")(raw, np.arange(16)), -1.0, 1.0)
     np.testing.assert_allclose(actual, expected, atol=2e-5)
 
@@ -99,9 +102,9 @@ def test_a_mirrored_policy_acts_alike_on_both_sides_but_for_the_side_that_it_pre
         observation.mirror_joints(venv.env.robot),
     )
     inputs = np.random.default_rng(0).standard_normal((16, 59)).astype(np.float32)
-    # The last twelve are foreseen; of these the push along y, its lever along y and its side change sign.
-    foreseen_sign = [1, 1, 1, -1, 1, 1, -1, -1, 1, 1, 1, 1]
-    other_side = np.concatenate([inputs[:, source] * sign, inputs[:, 47:] * foreseen_sign], axis=1, dtype=np.float32)
+    # The last twelve are privileged; of these the push along y, its lever along y and its side change sign.
+    privileged_sign = [1, 1, 1, -1, 1, 1, -1, -1, 1, 1, 1, 1]
+    other_side = np.concatenate([inputs[:, source] * sign, inputs[:, 47:] * privileged_sign], axis=1, dtype=np.float32)
     networks = model.policy.mlp_extractor
     actions = model.predict(inputs, deterministic=True)[0]
     value = model.policy.predict_values(torch.as_tensor(inputs)).detach()
@@ -121,15 +124,15 @@ def test_the_critic_is_told_of_the_next_push_and_the_last_observation_of_an_epis
     venv.seed(0)
     first = venv.reset()
     assert first.shape == (8, 59)
-    told = [(first, venv.env.foreseen())]
+    told = [(first, venv.env.privileged_observation())]
     for _ in range(60):
         observations, _, dones, infos = venv.step(np.zeros((8, 11), np.float32))
-        told.append((observations, venv.env.foreseen()))
+        told.append((observations, venv.env.privileged_observation()))
         for i in np.flatnonzero(dones):
             assert infos[i]["terminal_observation"].shape == (59,)
-    for observations, foreseen in told:
-        np.testing.assert_allclose(observations[:, 47:], foreseen, rtol=1e-6)
-    assert max(foreseen[:, 0].max() for _, foreseen in told) == 1.0
+    for observations, privileged in told:
+        np.testing.assert_allclose(observations[:, 47:], privileged, rtol=1e-6)
+    assert max(privileged[:, 0].max() for _, privileged in told) == 1.0
     with torch.no_grad():
         quiet = torch.zeros(1, 59)
         pushed = quiet.clone()
@@ -150,7 +153,7 @@ def test_learning_while_the_robots_move_depends_on_the_seed_alone() -> None:
         model, _ = make(tiny("ddpg"))
         model.learn(512)
         assert model._n_updates > 20  # they were made, one per policy step but the first ones
-        runs.append([weight for layer in actor_layers(model) for weight in layer])
+        runs.append([weight for layer in network_layers(actor_network(model)) for weight in layer])
     for first, second in zip(*runs, strict=True):
         np.testing.assert_array_equal(first, second)
 
@@ -179,7 +182,7 @@ def test_a_new_policy_holds_the_nominal_pose() -> None:
 def test_exploration_keeps_its_deviation_and_its_correlation() -> None:
     noise = ExplorationNoise((3, 2), (0.1, 0.4), 0.8, np.random.default_rng(0))
     drawn = np.stack([noise() for _ in range(20_000)])
-    # Calm, in between on a logarithmic scale (sqrt(0.1 * 0.4) = 0.2), bold; at a correlation of 0.8 the mean of
+    # Least, in between on a logarithmic scale (sqrt(0.1 * 0.4) = 0.2), most; at a correlation of 0.8 the mean of
     # 20,000 draws counts as about 20,000 * (1 - 0.64) / (1 + 0.64) = 4,400 independent ones, so 1.1 % off at 1 sigma.
     np.testing.assert_allclose(drawn.std(axis=(0, 2)), [0.1, 0.2, 0.4], rtol=0.04)
     for lag, expected in ((1, 0.8), (3, 0.512)):
@@ -202,15 +205,17 @@ def test_exploration_fades_to_the_share_it_is_limited_to() -> None:
 def test_the_averaged_actor_follows_the_newest_one_with_its_time_constant(tmp_path: Path) -> None:
     config = tiny("ddpg", average_steps=1000.0)
     trainer = Trainer(config, RunFolder.create(tmp_path / "run", config))
-    (weight, _), *_ = actor_layers(trainer.model)
+    average = trainer.learner.average
+    average.restart(9_300)
+    before = network_layers(average.averaged)[0][0]
     with torch.no_grad():
         next(iter(trainer.model.policy.actor.mu)).weight += 1.0
-    trainer.model.num_timesteps, trainer._averaged_steps = 10_000, 9_300
+    trainer.model.num_timesteps = 10_000
     trainer.advance()
     # 1 - exp(-700 / 1000) = 0.503 of the way to weights that are larger by 1.
-    np.testing.assert_allclose(trainer._average[0][0] - weight, 0.5034, atol=1e-4)
+    np.testing.assert_allclose(network_layers(average.kept)[0][0] - before, 0.5034, atol=1e-4)
     trainer.advance()  # no steps, no change
-    np.testing.assert_allclose(trainer._average[0][0] - weight, 0.5034, atol=1e-4)
+    np.testing.assert_allclose(network_layers(average.kept)[0][0] - before, 0.5034, atol=1e-4)
 
 
 # The environment for SB3.
@@ -222,7 +227,7 @@ def test_the_single_environment_passes_sb3s_checker() -> None:
 
 def test_the_adapter_tells_falls_from_time_limits_and_hands_over_the_last_observation() -> None:
     config = EnvConfig(
-        pose="bent", episode_s=0.6, disturbance=DisturbanceConfig(impulse=(200.0, 201.0), first=(0.1, 0.1))
+        "valkyrie", pose="bent", episode_s=0.6, disturbance=DisturbanceConfig(impulse=(200.0, 201.0), first=(0.1, 0.1))
     )
     venv = VecMonitor(SB3VecEnv(PushRecoveryVectorEnv(4, config)))
     venv.seed(0)

@@ -1,4 +1,4 @@
-"""Who is pushed when, how hard and where in training: ranges, lifts, focus and curriculum."""
+"""Who is pushed when, how hard and where in training: ranges, lifts, focus and rising ceilings."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ def give_push(random: RandomPushes, degrees: float, impulse: float) -> None:
     raise AssertionError("no such push is ever drawn")
 
 
-def test_without_a_curriculum_the_ceiling_is_the_ranges_end_for_ever(robot: Robot) -> None:
+def test_without_a_target_of_survival_the_ceiling_is_the_ranges_end_for_ever(robot: Robot) -> None:
     random, _ = random_pushes(robot, 8)
     for tick in (1500, 4000, 6500):
         random.advance(np.full(8, tick))
@@ -250,19 +250,19 @@ def test_without_a_curriculum_the_ceiling_is_the_ranges_end_for_ever(robot: Robo
     np.testing.assert_array_equal(random.ceiling, np.full(16, 106.0))
 
 
-# With this curriculum every direction begins at 60 Ns and ends at 300.
-CURRICULUM = {"curriculum": 0.6, "impulse": (10.0, 60.0), "max_impulse": 300.0}
+# With this target every direction begins at 60 Ns and ends at 300.
+RISING = {"survival_target": 0.6, "impulse": (10.0, 60.0), "max_impulse": 300.0}
 
 
-def test_a_curriculum_begins_at_the_ranges_upper_end_in_every_direction(robot: Robot) -> None:
-    _, pushes = random_pushes(robot, 2000, **CURRICULUM)
+def test_a_ceiling_begins_at_the_ranges_upper_end_in_every_direction(robot: Robot) -> None:
+    _, pushes = random_pushes(robot, 2000, **RISING)
     magnitude = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
     assert (magnitude.min(), magnitude.max()) == (pytest.approx(10.0, abs=0.2), pytest.approx(60.0, abs=0.2))
 
 
 @pytest.mark.parametrize(("degrees", "sector"), [(0.0, 0), (90.0, 4), (180.0, 8), (-90.0, 12), (-22.5, 15)])
 def test_a_survived_hard_push_raises_its_own_sector_only(robot: Robot, degrees: float, sector: int) -> None:
-    random, pushes = random_pushes(robot, 1, **CURRICULUM)
+    random, pushes = random_pushes(robot, 1, **RISING)
     give_push(random, degrees, 55.0)  # hard: above 0.7 * 60 = 42 Ns
     random.advance(pushes.start + 1000)  # 2 s later
     expected = np.full(16, 60.0)
@@ -271,7 +271,7 @@ def test_a_survived_hard_push_raises_its_own_sector_only(robot: Robot, degrees: 
 
 
 def test_a_fall_after_a_hard_push_sinks_its_own_sector_only(robot: Robot) -> None:
-    random, pushes = random_pushes(robot, 1, **CURRICULUM)
+    random, pushes = random_pushes(robot, 1, **RISING)
     random.ceiling += 10.0
     give_push(random, 90.0, 65.0)
     random.fell(np.array([0]), pushes.start + 300)
@@ -281,7 +281,7 @@ def test_a_fall_after_a_hard_push_sinks_its_own_sector_only(robot: Robot) -> Non
 
 
 def test_weak_pushes_and_falls_before_the_push_teach_nothing(robot: Robot) -> None:
-    random, pushes = random_pushes(robot, 1, **CURRICULUM)
+    random, pushes = random_pushes(robot, 1, **RISING)
     random.ceiling += 10.0
     give_push(random, 0.0, 30.0)
     random.fell(np.array([0]), pushes.start + 300)
@@ -295,7 +295,7 @@ def test_weak_pushes_and_falls_before_the_push_teach_nothing(robot: Robot) -> No
 def test_the_ceiling_settles_where_the_share_survived_is_the_one_asked_for(robot: Robot) -> None:
     """A robot that survives exactly the pushes below 150 Ns, from every direction."""
     n = 48
-    random, pushes = random_pushes(robot, n, **CURRICULUM)
+    random, pushes = random_pushes(robot, n, **RISING)
     everyone = np.arange(n)
     ceilings = []
     for _ in range(1000):
@@ -310,8 +310,8 @@ def test_the_ceiling_settles_where_the_share_survived_is_the_one_asked_for(robot
     assert np.mean(ceilings[-500:]) == pytest.approx(150.0 / 0.88, rel=0.03)
 
 
-def test_a_curriculum_never_leaves_its_range(robot: Robot) -> None:
-    random, pushes = random_pushes(robot, 300, curriculum=0.5, impulse=(80.0, 85.0), max_impulse=90.0)
+def test_a_ceiling_never_leaves_its_range(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 300, survival_target=0.5, impulse=(80.0, 85.0), max_impulse=90.0)
     for _ in range(30):
         magnitude = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
         assert magnitude.min() > 80.0 - 1e-9

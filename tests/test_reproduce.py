@@ -15,9 +15,10 @@ from surefoot.cli import study as reproduce
 from surefoot.cli.study import Study
 from surefoot.errors import UserError
 from surefoot.evaluation.scenarios import Scenario
-from surefoot.learning.config import preset
 from surefoot.learning.curve import read_curve
-from surefoot.learning.train import Progress
+from surefoot.learning.preset_file import preset
+from surefoot.learning.run_folder import discard_beginning
+from surefoot.learning.schedule import Progress
 
 SHIPPED = importlib.resources.files("surefoot.agents") / "shipped" / "ppo.onnx"
 SCENARIOS = (Scenario("quick", search="", directions=2, impulse=12.0, trials=1, horizon=2.0, quiet_from=0.0),)
@@ -103,7 +104,7 @@ def test_a_training_killed_before_its_first_checkpoint_begins_anew(tmp_path: Pat
     run.folder.mkdir()
     for name in ("config.json", "events.out.tfevents.1"):
         (run.folder / name).write_text("{}")
-    reproduce._clear(run.folder)
+    discard_beginning(run.folder)
     assert not run.folder.exists()
 
 
@@ -111,7 +112,7 @@ def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> Non
     (run,) = study(tmp_path).runs()
     run.folder.mkdir()
     (run.folder / "thesis.tex").write_text("years of work")
-    with pytest.raises(UserError, match=r"ppo-0 holds thesis\.tex, which no training wrote; give another --out"):
+    with pytest.raises(UserError, match=r"ppo-0 holds thesis\.tex, which no training wrote; give another folder"):
         reproduce.train_run(run)
     assert (run.folder / "thesis.tex").read_text() == "years of work"
 

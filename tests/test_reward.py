@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import step_to
 
+from surefoot.errors import UserError
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import TICKS_PER_STEP
 from surefoot.robots import Robot
 from surefoot.task import reward
-from surefoot.task.reward import PenaltyWeights
+from surefoot.task.reward import RewardContext, Term
 
 WEIGHT = 137.287494 * 9.806651  # 1346.33 N
 SUM_OF_WEIGHTS = 14.0  # 2 + 3 + 2 + 1 + 4 * 1 + 2 * 1
 HEIGHT = 1.1
 TIME_CONSTANT = np.sqrt(HEIGHT / 9.806651)  # 0.3349 s
+REWARDING = {name: term for name, term in reward.TERMS.items() if term.alpha is not None}
 LEFT_SOLE, RIGHT_SOLE = (0.0, 0.14, 0.0), (0.0, -0.14, 0.0)
 
 
@@ -26,7 +29,6 @@ LEFT_SOLE, RIGHT_SOLE = (0.0, 0.14, 0.0), (0.0, -0.14, 0.0)
 def perfect(standing: StepRecord, altered: Callable[..., StepRecord]) -> StepRecord:
     """Standing perfectly still at the origin, weight on both feet, CoM 1.1 m over their middle."""
     upright = (0.0, 0.0, 1.0)
-    rest = {f"{joint}_{quantity}": 0.0 for joint in standing.robot.joint_names for quantity in ("velocity", "torque")}
     return altered(
         standing,
         com_position=(0.0, 0.0, HEIGHT),
@@ -38,7 +40,8 @@ def perfect(standing: StepRecord, altered: Callable[..., StepRecord]) -> StepRec
         left_foot_contact=contact(standing, 0.5 * WEIGHT, LEFT_SOLE),
         right_foot_contact=contact(standing, 0.5 * WEIGHT, RIGHT_SOLE),
         ground_contact=8.0,
-        **rest,
+        joint_velocity=0.0,
+        joint_torque=0.0,
     )
 
 
@@ -58,25 +61,42 @@ def about_y(angle: float) -> tuple[float, ...]:
     return (-np.sin(angle), 0.0, np.cos(angle))
 
 
+def context(**weights: float) -> RewardContext:
+    return RewardContext(HEIGHT, penalty_weights=weights)
+
+
+def step_reward(ticks: StepRecord, **weights: float) -> tuple[np.ndarray, dict[str, float]]:
+    return reward.step_reward(ticks, context(**weights))
+
+
 def of_step(ticks: StepRecord, power_weight: float = 0.0) -> float:
-    return float(reward.step_reward(ticks, HEIGHT, PenaltyWeights(power_weight))[0][0])
+    return float(step_reward(ticks, power=power_weight)[0][0])
 
 
 def test_the_table_is_that_of_the_groups_code() -> None:
-    table = {name: (term.weight, term.alpha) for name, term in reward.TERMS.items()}
+    table = {name: (term.weight, term.alpha) for name, term in REWARDING.items()}
     assert table == {
         "com_position_xy": (2.0, 19.51),
         "com_height": (3.0, 113.84),
         "com_velocity_xy": (2.0, 0.57),
         "com_velocity_z": (1.0, 3.69),
-        "torso_pitch": (1.0, 4.68),
-        "torso_roll": (1.0, 4.68),
-        "root_pitch": (1.0, 4.68),
-        "root_roll": (1.0, 4.68),
+        "torso_attitude_pitch": (1.0, 4.68),
+        "torso_attitude_roll": (1.0, 4.68),
+        "root_attitude_pitch": (1.0, 4.68),
+        "root_attitude_roll": (1.0, 4.68),
         "left_foot_force": (1.0, 2e-5),
         "right_foot_force": (1.0, 2e-5),
     }
     assert sum(weight for weight, _ in table.values()) == SUM_OF_WEIGHTS
+    penalties = {name: term.weight for name, term in reward.TERMS.items() if name not in table}
+    assert penalties == {
+        "no_foot_contact": 2.0,
+        "non_foot_contact": 10.0,
+        "power": None,
+        "foot_travel": None,
+        "sway": None,
+        "posture": None,
+    }
 
 
 def test_standing_perfectly_still_earns_1_per_step(perfect: StepRecord) -> None:
@@ -95,10 +115,10 @@ def test_standing_perfectly_still_earns_1_per_step(perfect: StepRecord) -> None:
         ),
         ({"com_velocity": (0.3, -0.4, 0.0)}, "com_velocity_xy", 0.5),
         ({"com_velocity": (0.0, 0.0, -0.7)}, "com_velocity_z", 0.7),
-        ({"torso_up": about_y(0.3)}, "torso_pitch", 0.3),
-        ({"torso_up": about_x(-0.2)}, "torso_roll", 0.2),
-        ({"root_up": about_y(-0.25)}, "root_pitch", 0.25),
-        ({"root_up": about_x(0.4)}, "root_roll", 0.4),
+        ({"torso_up": about_y(0.3)}, "torso_attitude_pitch", 0.3),
+        ({"torso_up": about_x(-0.2)}, "torso_attitude_roll", 0.2),
+        ({"root_up": about_y(-0.25)}, "root_attitude_pitch", 0.25),
+        ({"root_up": about_x(0.4)}, "root_attitude_roll", 0.4),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -141,17 +161,17 @@ def test_the_velocity_asked_for_brings_the_capture_point_to_the_centre(
     velocity = -offset / TIME_CONSTANT
     ticks = altered(perfect, com_position=position, com_velocity=(*velocity, 0.0))
     np.testing.assert_allclose(ticks.capture_point, 0.0, atol=1e-12)
-    np.testing.assert_allclose(reward.com_velocity_xy(ticks, HEIGHT), 0.0, atol=1e-12)
+    np.testing.assert_allclose(reward.com_velocity_xy(ticks, context()), 0.0, atol=1e-12)
     # At rest there, the error is the missing velocity itself: 0.0539 / 0.3349 = 0.1608 m/s.
     still = altered(perfect, com_position=position)
-    np.testing.assert_allclose(reward.com_velocity_xy(still, HEIGHT), np.hypot(*offset) / TIME_CONSTANT, rtol=1e-9)
+    np.testing.assert_allclose(reward.com_velocity_xy(still, context()), np.hypot(*offset) / TIME_CONSTANT, rtol=1e-9)
 
 
 def test_on_one_foot_the_centre_of_support_is_that_foot(
     perfect: StepRecord, altered: Callable[..., StepRecord]
 ) -> None:
     left_only = altered(perfect, right_foot_contact=contact(perfect, 0.0, RIGHT_SOLE))
-    np.testing.assert_allclose(reward.com_position_xy(left_only, HEIGHT), 0.14, rtol=1e-12)
+    np.testing.assert_allclose(reward.com_position_xy(left_only, context()), 0.14, rtol=1e-12)
 
 
 def test_in_the_air_the_velocity_term_is_void_and_the_penalty_is_two(
@@ -162,7 +182,7 @@ def test_in_the_air_the_velocity_term_is_void_and_the_penalty_is_two(
     # Lost: com_velocity_xy (weight 2) wholly, both foot forces but for exp(-2e-5 * 673.166^2) = 1.1598e-4 of each.
     terms = (14.0 - 2.0 - 2.0 + 2 * 1.1598e-4) / 14.0
     assert of_step(air) == pytest.approx(terms - 0.2, abs=1e-6)
-    _, means = reward.step_reward(air, HEIGHT)
+    _, means = step_reward(air)
     assert means["com_velocity_xy"] == 0.0
     assert means["no_foot_contact"] == -2.0
 
@@ -172,26 +192,24 @@ def test_touching_the_ground_with_anything_else_costs_ten_times_a_tenth(
 ) -> None:
     touched = altered(perfect, ground_contact=9.0)  # 4 of each foot and 1 more
     assert of_step(touched) == pytest.approx(1.0 - 1.0, abs=1e-9)
-    _, means = reward.step_reward(touched, HEIGHT)
+    _, means = step_reward(touched)
     assert means["non_foot_contact"] == -10.0
 
 
 def test_power_costs_its_weight_times_the_watts(perfect: StepRecord, altered: Callable[..., StepRecord]) -> None:
-    working = altered(
-        perfect,
-        torso_pitch_torque=-50.0,
-        torso_pitch_velocity=2.0,
-        right_knee_pitch_torque=100.0,
-        right_knee_pitch_velocity=3.0,
-    )
+    names = perfect.robot.joint_names
+    torque, velocity = np.zeros(len(names)), np.zeros(len(names))
+    for joint, its_torque, its_velocity in (("torso_pitch", -50.0, 2.0), ("right_knee_pitch", 100.0, 3.0)):
+        torque[names.index(joint)], velocity[names.index(joint)] = its_torque, its_velocity
+    working = altered(perfect, joint_torque=torque, joint_velocity=velocity)
     # |-50 * 2| + |100 * 3| = 400 W; 400 * 1e-3 = 0.4 on the scale of 10, 0.04 of a step
     assert of_step(working, power_weight=1e-3) == pytest.approx(1.0 - 0.04, abs=1e-9)
     assert of_step(working, power_weight=0.0) == pytest.approx(1.0, abs=1e-9)
-    assert reward.step_reward(working, HEIGHT, PenaltyWeights(1e-3))[1]["power"] == pytest.approx(-0.4)
-    # With a knee at 100 W: 100 * ln(1 + 400 / 100) = 160.94 W count.
-    assert reward.step_reward(working, HEIGHT, PenaltyWeights(1e-3, 100.0))[1]["power"] == pytest.approx(
-        -0.16094, abs=1e-5
-    )
+    assert step_reward(working, power=1e-3)[1]["power"] == pytest.approx(-0.4)
+    # With a logarithmic scale of 100 W: 100 * ln(1 + 400 / 100) = 160.94 W count.
+    assert reward.step_reward(working, replace(context(power=1e-3), power_log_scale=100.0))[1][
+        "power"
+    ] == pytest.approx(-0.16094, abs=1e-5)
 
 
 def test_a_steps_reward_is_the_mean_over_its_ticks(
@@ -210,33 +228,25 @@ def test_every_robot_has_its_own_reward_and_the_means_are_over_all(
     leaning = altered(perfect, torso_up=about_y(0.3))
     both = perfect[np.array([0, 0])]
     both.record[0] = leaning.record[0]
-    rewards, means = reward.step_reward(both, HEIGHT)
+    rewards, means = step_reward(both)
     np.testing.assert_allclose(rewards, [of_step(leaning), of_step(perfect)], rtol=1e-12)
     # exp(-4.68 * 0.09) = 0.65627; (0.65627 + 1) / 2
-    assert means["torso_pitch"] == pytest.approx(0.5 * (0.65627 + 1.0), abs=1e-5)
-    assert means["root_pitch"] == pytest.approx(1.0)
-    assert tuple(means) == (
-        *reward.TERMS,
-        "no_foot_contact",
-        "non_foot_contact",
-        "power",
-        "foot_travel",
-        "sway",
-        "posture",
-    )
+    assert means["torso_attitude_pitch"] == pytest.approx(0.5 * (0.65627 + 1.0), abs=1e-5)
+    assert means["root_attitude_pitch"] == pytest.approx(1.0)
+    assert tuple(means) == tuple(reward.TERMS)
 
 
 def test_a_robot_that_really_stands_earns_nearly_1_per_step(standing: StepRecord) -> None:
     """The straight pose, held for 2 s by the impedance alone."""
     nominal = 1.1048  # CoM over the soles, straight legs: -0.0666 + 1.1714
-    rewards, means = reward.step_reward(standing, nominal, PenaltyWeights(1e-4))
+    rewards, means = reward.step_reward(standing, RewardContext(nominal, penalty_weights={"power": 1e-4}))
     assert 0.95 < rewards[0] < 1.0
     # The reward is what the terms add up to.
-    terms = sum(reward.TERMS[name].weight * means[name] for name in reward.TERMS) / SUM_OF_WEIGHTS
+    terms = sum(term.weight * means[name] for name, term in REWARDING.items()) / SUM_OF_WEIGHTS
     penalties = means["no_foot_contact"] + means["non_foot_contact"] + means["power"]
     assert rewards[0] == pytest.approx(terms + 0.1 * penalties, rel=1e-12)
     # What is missing is the CoM's offset: the robot stands with its CoM about 7 cm behind the middle of its soles.
-    assert min(reward.TERMS, key=lambda name: means[name]) == "com_position_xy"
+    assert min(REWARDING, key=lambda name: means[name]) == "com_position_xy"
 
 
 def test_a_robot_dropped_from_2_m_is_penalised_for_flying(robot: Robot) -> None:
@@ -244,7 +254,7 @@ def test_a_robot_dropped_from_2_m_is_penalised_for_flying(robot: Robot) -> None:
     pose = robot.pose("straight")[None]
     start = engine.reset(np.array([0]), pose, height=2.0)
     ticks = step_to(engine, np.tile(pose[:, None], (1, TICKS_PER_STEP, 1)))
-    rewards, means = reward.step_reward(ticks, float(start.com_height[0, 0]))
+    rewards, means = reward.step_reward(ticks, RewardContext(float(start.com_height[0, 0])))
     assert means["no_foot_contact"] == -2.0
     # Upright in the air: (3 + 1 + 4) / 14 of the terms at best, the position term near 1, minus 0.2.
     assert rewards[0] == pytest.approx((2 * means["com_position_xy"] + 8.0) / 14.0 - 0.2, abs=0.02)
@@ -254,20 +264,20 @@ def test_a_foot_that_travels_costs_its_speed(perfect: StepRecord, altered: Calla
     # 1 mm forward and 1 mm up per tick: 0.5 m/s over the floor; 0.1 * 4 per m/s * 0.5 m/s = 0.2.
     way = np.outer(np.arange(TICKS_PER_STEP), (0.001, 0.0, 0.001))[None]
     moving = altered(still(perfect), left_sole_position=LEFT_SOLE + way)
-    free, means = reward.step_reward(moving, HEIGHT)
-    charged, charged_means = reward.step_reward(moving, HEIGHT, PenaltyWeights(travel=4.0))
+    free, means = step_reward(moving)
+    charged, charged_means = step_reward(moving, foot_travel=4.0)
     assert free[0] - charged[0] == pytest.approx(0.2)
     assert (means["foot_travel"], charged_means["foot_travel"]) == (0.0, pytest.approx(-2.0))
-    # With a knee at 0.1 m/s, 0.5 m/s counts as 0.1 ln(6) = 0.17918 m/s; times 4.
-    bent = reward.step_reward(moving, HEIGHT, PenaltyWeights(travel=4.0, travel_knee=0.1))[1]
-    assert bent["foot_travel"] == pytest.approx(-0.71670, abs=1e-5)
+    # With a logarithmic scale of 0.1 m/s, 0.5 m/s counts as 0.1 ln(6) = 0.17918 m/s; times 4.
+    scaled = reward.step_reward(moving, replace(context(foot_travel=4.0), foot_travel_log_scale=0.1))[1]
+    assert scaled["foot_travel"] == pytest.approx(-0.71670, abs=1e-5)
 
 
 def test_a_com_that_sways_costs_its_horizontal_speed(perfect: StepRecord, altered: Callable[..., StepRecord]) -> None:
     # 0.3 m/s forward and 0.4 m/s to the left are 0.5 m/s over the floor; 0.1 * 2 per m/s * 0.5 m/s = 0.1.
     swaying = altered(still(perfect), com_velocity=(0.3, 0.4, 0.2))
-    free = reward.step_reward(swaying, HEIGHT)[0]
-    charged, means = reward.step_reward(swaying, HEIGHT, PenaltyWeights(sway=2.0))
+    free = step_reward(swaying)[0]
+    charged, means = step_reward(swaying, sway=2.0)
     assert free[0] - charged[0] == pytest.approx(0.1)
     assert means["sway"] == pytest.approx(-1.0)
 
@@ -278,8 +288,8 @@ def test_leaving_the_nominal_pose_costs_the_joints_mean_distance(
     # Two of eleven joints, 0.3 and 0.25 rad away to either side: 0.05 rad in the mean; 0.1 * 4 per rad * 0.05 = 0.02.
     pose = still(perfect).joint_position[0, 0].copy()
     pose[[robot.joint_names.index("torso_pitch"), robot.joint_names.index("left_knee_pitch")]] += (0.3, -0.25)
-    free = reward.step_reward(still(perfect), HEIGHT, nominal_pose=pose)[0]
-    charged, means = reward.step_reward(still(perfect), HEIGHT, PenaltyWeights(posture=4.0), pose)
+    free = step_reward(still(perfect))[0]
+    charged, means = reward.step_reward(still(perfect), replace(context(posture=4.0), nominal_pose=pose))
     assert free[0] - charged[0] == pytest.approx(0.02)
     assert means["posture"] == pytest.approx(-0.2)
 
@@ -287,3 +297,74 @@ def test_leaving_the_nominal_pose_costs_the_joints_mean_distance(
 def still(ticks: StepRecord) -> StepRecord:
     """The first tick, for a whole policy step."""
     return StepRecord.join([ticks.ticks(slice(0, 1))] * TICKS_PER_STEP)
+
+
+EVERY_PENALTY = {"power": 1e-3, "foot_travel": 2.0, "sway": 1.0, "posture": 3.0}
+
+
+@pytest.mark.parametrize("name", reward.TERMS)
+def test_every_term_is_finite_and_within_its_range_for_a_robot_that_falls(
+    name: str, robot: Robot, falling: list[StepRecord]
+) -> None:
+    term = reward.TERMS[name]
+    for record in falling:
+        value = term.function(record, replace(context(**EVERY_PENALTY), nominal_pose=robot.pose("bent")))
+        assert value.shape in ((2, TICKS_PER_STEP), (2,))
+        mean = reward.step_reward(record, context(**EVERY_PENALTY))[1][name]
+        # Rewarding terms are exponentials, so from 0 to 1; penalties are costs of values of at least 0.
+        if term.alpha is None:
+            assert np.isfinite(value).all()
+            assert (value >= 0).all()
+            assert -np.inf < mean <= 0.0
+        else:
+            assert 0.0 <= mean <= 1.0
+    every = [reward.step_reward(record, context(**EVERY_PENALTY))[1][name] for record in falling]
+    assert len(set(every)) > 1  # it is not a constant
+
+
+@pytest.fixture(scope="module")
+def falling(robot: Robot) -> list[StepRecord]:
+    """Policy steps of two robots that lean by 0.4 rad 0.1 m above the floor, until they lie there."""
+    engine = MujocoEngine(robot, 2, num_threads=1)
+    pose = np.tile(robot.pose("bent"), (2, 1))
+    engine.reset(np.arange(2), pose, height=0.1, pitch=np.array([0.4, -0.4]))
+    engine.joint_targets[:] = pose[:, None]
+    steps = [engine.step().copy() for _ in range(40)]
+    assert steps[-1].non_foot_contact.all()
+    return steps
+
+
+def knee_bend(record: StepRecord, context: RewardContext) -> np.ndarray:
+    """Mean angle of both knees [rad]: (num_robots, num_ticks)."""
+    names = record.robot.joint_names
+    return record.joint_position[..., [names.index("left_knee_pitch"), names.index("right_knee_pitch")]].mean(axis=-1)
+
+
+def test_a_term_of_ones_own_counts_as_those_of_the_table_do(robot: Robot, perfect: StepRecord) -> None:
+    record = still(perfect)
+    bend = float(knee_bend(record, context())[0, 0])
+    # A penalty of 2 per rad: 0.1 * 2 * bend.
+    terms = reward.with_extra_terms({"knee_bend": Term(knee_bend, weight=2.0)})
+    rewards, means = reward.step_reward(record, context(), terms)
+    assert rewards[0] == pytest.approx(1.0 - 0.2 * bend)
+    assert means["knee_bend"] == pytest.approx(-2.0 * bend)
+    # A rewarding term of weight 7, void: 14 of 21 are left of perfect standing.
+    void = Term(lambda record, context: np.full((1, len(record)), np.inf), weight=7.0, alpha=1.0)
+    rewards, means = reward.step_reward(record, context(), reward.with_extra_terms({"void": void}))
+    assert rewards[0] == pytest.approx(14.0 / 21.0)
+    assert means["void"] == 0.0
+    assert tuple(means) == (*reward.TERMS, "void")
+    # A value for the whole policy step, one of each robot.
+    once = reward.with_extra_terms({"once": Term(lambda record, context: np.array([0.5]), weight=1.0, alpha=4.0)})
+    # exp(-4 * 0.25) = exp(-1) = 0.36788; (14 + 0.36788) / 15
+    assert reward.step_reward(record, context(), once)[0][0] == pytest.approx(14.36788 / 15.0, abs=1e-6)
+
+
+def test_a_term_of_ones_own_that_does_not_fit_is_named(perfect: StepRecord) -> None:
+    with pytest.raises(UserError, match="the reward has a term 'power' already; give the extra term another name"):
+        reward.with_extra_terms({"power": Term(knee_bend, weight=1.0)})
+    with pytest.raises(UserError, match="the extra reward term 'knee_bend' has no weight"):
+        reward.with_extra_terms({"knee_bend": Term(knee_bend, weight=None)})
+    wrong = reward.with_extra_terms({"scalar": Term(lambda record, context: np.array(1.0), weight=1.0)})
+    with pytest.raises(UserError, match=r"the reward term 'scalar' has shape \(\); valid: \(1, 20\), \(1,\)"):
+        reward.step_reward(perfect, context(), wrong)

@@ -1,4 +1,4 @@
-"""Training runs: they leave all their files, can be interrupted, resumed and inherited from, and lose nothing."""
+"""Training runs: they leave all their files, can be interrupted and resumed, begin with each other, lose nothing."""
 
 import dataclasses
 import json
@@ -16,8 +16,9 @@ from stable_baselines3 import DDPG
 
 import surefoot.learning.run_folder as run_folder_module
 from surefoot.agents.load import load_policy
+from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError
-from surefoot.learning.networks import actor_layers
+from surefoot.learning.actor import actor_network, network_layers
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.train import Trainer, train
 from surefoot.task.environment import EnvConfig
@@ -58,8 +59,8 @@ def test_a_resumed_run_goes_on_where_it_was(algorithm: str, tmp_path: Path) -> N
 def test_a_run_may_begin_with_the_networks_of_another(tmp_path: Path) -> None:
     config = tiny("ddpg", average_steps=1000.0)
     parent = train(config, tmp_path / "parent")
-    heir = Trainer(config, RunFolder.create(tmp_path / "heir", config), after=RunFolder(tmp_path / "parent"))
-    layers = zip(actor_layers(heir.model), actor_layers(parent.model), strict=True)
+    heir = Trainer(config, RunFolder.create(tmp_path / "heir", config), start=RunFolder(tmp_path / "parent"))
+    layers = zip(*(network_layers(actor_network(trainer.model)) for trainer in (heir, parent)), strict=True)
     assert all(np.array_equal(ours, theirs) for pair in layers for ours, theirs in zip(*pair, strict=True))
     assert heir.progress.steps == 0
     heir.run()
@@ -76,17 +77,17 @@ def test_a_run_may_begin_with_the_networks_of_another(tmp_path: Path) -> None:
     resumed = Trainer(more, RunFolder(tmp_path / "heir"), resume=True)
     resumed.run()
     assert resumed.progress.steps >= 600
-    assert resumed._record()["after"] == record["after"]
+    assert NetworkAgent(resumed.policy_bytes(), "resumed").contract.training["after"] == record["after"]
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_a_critic_that_inherits_one_without_foresight_judges_as_it_did_until_it_learns(
+def test_a_critic_that_begins_without_a_privileged_observation_has_the_same_values_until_it_learns(
     algorithm: str, tmp_path: Path
 ) -> None:
-    blind = dataclasses.replace(tiny(algorithm), foresight=False)
+    blind = dataclasses.replace(tiny(algorithm), privileged_critic=False)
     parent = train(blind, tmp_path / "parent")
-    config = dataclasses.replace(blind, foresight=True)
-    heir = Trainer(config, RunFolder.create(tmp_path / "heir", config), after=RunFolder(tmp_path / "parent"))
+    config = dataclasses.replace(blind, privileged_critic=True)
+    heir = Trainer(config, RunFolder.create(tmp_path / "heir", config), start=RunFolder(tmp_path / "parent"))
     rng = np.random.default_rng(0)
     seen, action = (torch.as_tensor(rng.normal(size=(20, n)), dtype=torch.float32) for n in (59, 11))
     for before, after in zip(
@@ -110,7 +111,10 @@ def test_a_critic_that_inherits_one_without_foresight_judges_as_it_did_until_it_
     [
         ({"algorithm": "trpo"}, "was learned with algorithm ddpg, this run has trpo"),
         ({"actor": (10, 10)}, r"was learned with actor \(100, 50, 25\), this run has \(10, 10\)"),
-        ({"env": EnvConfig(pose="bent", action_scale=0.9)}, "was learned with action_scale 0.6, this run has 0.9"),
+        (
+            {"env": EnvConfig("valkyrie", pose="bent", action_scale=0.9)},
+            "was learned with action_scale 0.6, this run has 0.9",
+        ),
     ],
     ids=["algorithm", "layers", "action scale"],
 )
@@ -118,7 +122,7 @@ def test_a_run_cannot_begin_with_networks_that_do_not_fit(change: dict, message:
     config = tiny("ddpg")
     RunFolder.create(tmp_path / "parent", config)
     with pytest.raises(UserError, match=message):
-        train(dataclasses.replace(config, **change), tmp_path / "heir", after=tmp_path / "parent")
+        train(dataclasses.replace(config, **change), tmp_path / "heir", start=tmp_path / "parent")
     assert not (tmp_path / "heir").exists()
 
 

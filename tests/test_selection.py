@@ -1,4 +1,4 @@
-"""Choosing policies: probes, exams, the selection among several, and what each part of a preset gives."""
+"""Choosing policies: validation, the selection among several, and what each part of a preset gives."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import network_bytes
 from surefoot.errors import UserError
 from surefoot.evaluation.trials import run_list
-from surefoot.learning.ablations import LEFT_OUT, ablate, ablation_table, without
-from surefoot.learning.exam import UP_TO, examine
+from surefoot.learning.ablations import LEFT_OUT, ablate, without
 from surefoot.learning.models import make_model
-from surefoot.learning.probe import probe
 from surefoot.learning.sb3 import SB3VecEnv
-from surefoot.learning.selection import files, judge, means, shipped_bytes
+from surefoot.learning.selection import best_candidate, files, means, shipped_bytes, validate_candidate
+from surefoot.learning.suite_validation import UP_TO, validate_suite
+from surefoot.learning.validation import validate
+from surefoot.report.ablations import ablation_table
 from surefoot.robots import load_robot
 from surefoot.task.contract import Contract
 from surefoot.task.environment import PushRecoveryVectorEnv
 
 
-def test_a_probe_uses_trials_that_the_evaluation_never_sees() -> None:
-    with mock.patch("surefoot.learning.probe.run_list", wraps=run_list) as runner:
-        found = probe(NominalAgent(load_robot(), "bent"))
+def test_a_validation_uses_trials_that_the_evaluation_never_sees() -> None:
+    with mock.patch("surefoot.learning.validation.run_list", wraps=run_list) as runner:
+        found = validate(NominalAgent(load_robot(), "bent"))
     # An evaluation's seeds count from 0, up to the 40 full-length trials and the trials of a fixed scenario.
     assert min(trial.seed for trial in runner.call_args.args[1]) > 10_000
     # Held by its impedance alone the robot rejects small pushes and no large ones.
@@ -37,13 +38,13 @@ def test_a_probe_uses_trials_that_the_evaluation_never_sees() -> None:
     assert set(found.rejected) >= {"forward", "left", "backward", "right", "45"}
 
 
-def test_probes_of_other_rounds_use_other_trials_and_some_other_directions() -> None:
+def test_validations_of_other_rounds_use_other_trials_and_some_other_directions() -> None:
     policy = NominalAgent(load_robot(), "bent")
     seeds: list[set[int]] = []
     directions: list[set[float]] = []
     for number in (0, 1, 2):
-        with mock.patch("surefoot.learning.probe.run_list", wraps=run_list) as runner:
-            probe(policy, round=number)
+        with mock.patch("surefoot.learning.validation.run_list", wraps=run_list) as runner:
+            validate(policy, round=number)
         trials = runner.call_args.args[1]
         seeds.append({trial.seed for trial in trials})
         angles = np.degrees([np.arctan2(trial.push.direction[1], trial.push.direction[0]) for trial in trials])
@@ -53,10 +54,10 @@ def test_probes_of_other_rounds_use_other_trials_and_some_other_directions() -> 
     assert directions == [{45.0 * k for k in range(8)}] * 2 + [{45.0 * k + 22.5 for k in range(8)}]
 
 
-def test_an_exam_tells_by_scenario_how_much_of_the_way_to_the_goal_holds() -> None:
+def test_a_suite_validation_tells_by_scenario_how_much_of_the_way_to_the_target_holds() -> None:
     policy = NominalAgent(load_robot(), "bent")
-    with mock.patch("surefoot.learning.exam.run_list", wraps=run_list) as runner:
-        shares = examine(policy)
+    with mock.patch("surefoot.learning.suite_validation.run_list", wraps=run_list) as runner:
+        shares = validate_suite(policy)
     trials = runner.call_args.args[1]
     # Six sizes each: 16 directions of the root, 4 of nine other scenarios, one height.
     assert len(trials) == 6 * (16 + 9 * 4 + 1)
@@ -73,10 +74,10 @@ def test_the_better_policy_is_selected_and_carries_what_was_found(tmp_path: Path
     for name in ("ddpg", "ppo"):
         policy = importlib.resources.files("surefoot.agents") / "shipped" / f"{name}.onnx"
         (tmp_path / f"{name}.onnx").write_bytes(policy.read_bytes())
-    candidates = [judge(file, 1) for file in files([tmp_path / "ddpg.onnx", tmp_path / "ppo.onnx"])]
-    best = max(candidates, key=lambda candidate: candidate.score)
+    candidates = [validate_candidate(file, 1) for file in files([tmp_path / "ddpg.onnx", tmp_path / "ppo.onnx"])]
+    best = best_candidate(candidates)
     chosen = NetworkAgent(shipped_bytes(best), "chosen")
-    assert chosen.contract.training["selection"] == [{"recovered": round(best.recovered, 4), "calm": best.calm}]
+    assert chosen.contract.training["selection"] == [{"recovered": round(best.recovered, 4), "calm": best.quiet}]
     observation = np.zeros((1, 47))
     np.testing.assert_array_equal(chosen(observation, np.arange(1)), load_policy(best.file)(observation, np.arange(1)))
     with pytest.raises(UserError, match=r"no policies in .*nowhere"):
@@ -106,7 +107,9 @@ def test_every_ablation_leaves_out_one_thing_and_can_be_made() -> None:
         config = without(name, 1000, seed=0)
         assert (config == whole) == (name == "nothing")
         few = dataclasses.replace(config, num_envs=2)
-        make_model(few, SB3VecEnv(PushRecoveryVectorEnv(2, few.env), few.foresight), np.random.default_rng(0), 1e-3)
+        make_model(
+            few, SB3VecEnv(PushRecoveryVectorEnv(2, few.env), few.privileged_critic), np.random.default_rng(0), 1e-3
+        )
 
 
 def test_an_ablation_that_is_done_is_not_done_again(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from surefoot.physics.pushes import horizontal_push
 from surefoot.physics.signals import LowPass
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.task import observation
-from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
+from surefoot.task.environment import PushRecoveryVectorEnv
 
 NUM_ENVS = 256
 TARGETS = {
@@ -60,7 +60,7 @@ def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[s
 
     Step by step, first the environment, then the bare physics from the state that the environment began with.
     """
-    from surefoot.learning.config import preset
+    from surefoot.learning.preset_file import preset
 
     env = PushRecoveryVectorEnv(num_envs, preset("fast", "ppo").env)
     env.reset(seed=0)
@@ -87,13 +87,13 @@ def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[s
 
 def learning_over_environment(seconds: float) -> dict[str, float]:
     """PPO end to end (collect and update) against the environment alone: the share of its time spent in there."""
-    from surefoot.learning.config import preset
     from surefoot.learning.models import make_model
+    from surefoot.learning.preset_file import preset
     from surefoot.learning.sb3 import SB3VecEnv
 
     config = preset("fast", "ppo")
     env = PushRecoveryVectorEnv(config.num_envs, config.env)
-    venv = SB3VecEnv(env, config.foresight)
+    venv = SB3VecEnv(env, config.privileged_critic)
     model = make_model(config, venv, np.random.default_rng(0), config.hyper["learning_rate"])
     inside = 0.0
     step = env.step
@@ -195,7 +195,7 @@ def standing_network() -> NetworkAgent:
     robot = load_robot()
     sizes = [len(observation.component_names(robot)), 100, 50, 25, robot.num_joints]
     layers = [(np.zeros((o, i)), np.zeros(o)) for i, o in zip(sizes[:-1], sizes[1:], strict=True)]
-    contract = Contract.of(robot, EnvConfig().pose, 1.0)
+    contract = Contract.of(robot, next(iter(robot.poses)), 1.0)
     return NetworkAgent(network_bytes(layers, np.zeros(sizes[0]), np.ones(sizes[0]), False, contract), "standing")
 
 

@@ -7,20 +7,21 @@ after its last trial.
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from surefoot.agents.load import load_policy
-from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import OnProgress, evaluate_and_store
 from surefoot.evaluation.results import Results
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.suites import PAPER
-from surefoot.learning.config import TrainConfig, preset
+from surefoot.learning.config import TrainConfig, with_budget
 from surefoot.learning.curve import read_curves
-from surefoot.learning.train import Progress, train, with_budget
+from surefoot.learning.preset_file import preset
+from surefoot.learning.run_folder import discard_beginning
+from surefoot.learning.schedule import Progress
+from surefoot.learning.train import train
 from surefoot.report.page import Report, make_report
 
 ALGORITHMS = ("trpo", "ppo", "ddpg")
@@ -30,7 +31,6 @@ GUESSED_EVALUATION_S = 300.0
 """Time of an evaluation while none has been measured."""
 
 _TRAINED = ".trained"
-_RUN_FILES = ("config.json", "curve.csv", "best.onnx", "last.onnx")
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def train_run(run: Run, on_progress: Callable[[Progress], None] | None = None) -
         return
     resume = (run.folder / "checkpoint.npz").exists()
     if not resume:
-        _clear(run.folder)
+        discard_beginning(run.folder)
     train(run.config, run.folder, resume, on_progress)
     (run.folder / _TRAINED).touch()
 
@@ -131,13 +131,3 @@ def seconds_left(runs: Sequence[Run], measured: Iterable[float] = ()) -> float:
     evaluation = sum(known) / len(known) if known else GUESSED_EVALUATION_S
     training = sum(60.0 * run.config.minutes for run in runs if not run.is_trained)
     return training + evaluation * sum(not run.is_evaluated for run in runs)
-
-
-def _clear(folder: Path) -> None:
-    """Remove what a training left that was killed before its first checkpoint."""
-    if not folder.exists():
-        return
-    strange = [f.name for f in folder.iterdir() if f.name not in _RUN_FILES and not f.name.startswith((".", "events."))]
-    if strange:
-        raise UserError(f"{folder} holds {strange[0]}, which no training wrote; give another --out")
-    shutil.rmtree(folder)

@@ -29,7 +29,7 @@ def needs_torch() -> Iterator[None]:
 
 @contextlib.contextmanager
 def training_bar() -> Iterator:
-    """A bar with time left, steps/s, episode length, and what the last probe rejected; it fits into 80 columns."""
+    """A bar with time left, steps/s, episode length, and what the last validation rejected; it fits into 80 columns."""
     columns = (SpinnerColumn(), BarColumn(bar_width=12), TextColumn("{task.fields[says]}"))
     with Progress(*columns, console=console) as bar:
         task = bar.add_task("train", total=1.0, says="starting")
@@ -40,8 +40,8 @@ def training_bar() -> Iterator:
                 f"{clock(left)} left, {progress.steps / 1000:,.0f}k steps, {progress.steps_per_s:,.0f}/s, "
                 f"episode {progress.episode_length / 25:.1f} s"
             )
-            if progress.probe:
-                says += f", {'/'.join(f'{ns:.0f}' for ns in progress.probe.main_directions().values())} Ns"
+            if progress.validation:
+                says += f", {'/'.join(f'{ns:.0f}' for ns in progress.validation.main_directions().values())} Ns"
             bar.update(task, completed=progress.share, says=says)
 
         yield show

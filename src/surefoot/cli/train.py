@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from surefoot.cli.terminal import check_not_negative, check_positive, console, needs_torch, training_bar
 from surefoot.errors import UserError
+
+if TYPE_CHECKING:
+    from surefoot.learning.config import TrainConfig
+    from surefoot.learning.stages import Stage
 
 
 @dataclass(frozen=True)
@@ -20,15 +27,17 @@ class Train:
     algorithm: str = "ddpg"
     """trpo, ppo or ddpg."""
     preset: str = "fast"
-    """fast (minutes on a laptop), wide (half an hour: larger pushes, on every body, and drops), steady (after a run of
-    wide: standing still), complete (after one of steady: everything else, and no needless steps) or paper (the paper's
-    hyperparameters, pose and pushes)."""
+    """fast (minutes on a laptop), complete (hours: curriculum stages one after the other, up to the shipped policies),
+    paper (the paper's hyperparameters, pose and pushes), or a TOML file of your own."""
+    stage: str | None = None
+    """Learn this stage of the preset `complete` alone, after the stage before it or --warm-start, with which it is the
+    last one by default; a wrong name is answered with the valid ones."""
     run: Path | None = None
     """Folder of the run; runs/PRESET-ALGORITHM-SEED without it."""
     minutes: float | None = None
-    """Wall-clock budget; the preset's without it."""
+    """Wall-clock budget, of each stage if there are several; the preset's without it."""
     steps: int | None = None
-    """Budget in policy steps; the run ends with the first budget that is used up."""
+    """Budget in policy steps, of each stage if there are several; a run ends with the first budget that is used up."""
     seed: int = 0
     """Seed of everything random."""
     resume: Path | None = None
@@ -38,33 +47,101 @@ class Train:
     file): its critic is learned first."""
 
     def main(self) -> None:
+        """Learn."""
         with needs_torch():
-            from surefoot.learning.config import preset
-            from surefoot.learning.inheritance import forerunner
             from surefoot.learning.run_folder import RunFolder
-            from surefoot.learning.train import train, with_budget
+            from surefoot.learning.stages import has_stages, read_stages
         check_positive("minutes", self.minutes)
         check_positive("steps", self.steps)
         check_not_negative("seed", self.seed)
         if self.resume and self.warm_start:
             raise UserError("--warm-start is for a new run; one that is resumed knows what it began with")
         if self.resume is None:
-            config = with_budget(preset(self.preset, self.algorithm), self.minutes, self.steps, self.seed)
-            folder = self.run or Path("runs") / f"{config.preset}-{config.algorithm}-{config.seed}"
+            self._translated()._begin()
+        elif has_stages(self.resume):
+            self._run_stages(self.resume, read_stages(self.resume))
         else:
-            config, folder = RunFolder(self.resume).config(), self.resume
-            config = with_budget(config, self.minutes, self.steps, config.seed)
+            self._run(RunFolder(self.resume).config(), self.resume, resume=True)
+
+    def _translated(self) -> Train:
+        """The same command in today's words, with a line on standard error for an old preset."""
+        from surefoot.learning.preset_file import STAGED, old_stage
+
+        told = old_stage(self.preset, self.algorithm) if self.preset != STAGED else None
+        if told is None:
+            return self
+        _, _, stage = told.partition("/")
+        console.print(f"--preset {self.preset} is now called --preset {STAGED} --stage {stage}", soft_wrap=True)
+        name = self.preset if self.preset == "wide" else told
+        return dataclasses.replace(self, preset=name, run=self.run or self._folder(self.preset))
+
+    def _begin(self) -> None:
+        """Start a run, or go on with the stages of one."""
+        from surefoot.learning.preset_file import preset, stage_files
+        from surefoot.learning.stages import begin_stages
+
+        names = list(stage_files(self.preset, self.algorithm))
+        if self.stage and self.stage not in names:
+            valid = ", ".join(names) or "none"
+            raise UserError(f"unknown stage '{self.stage}' of {self.preset} for {self.algorithm}; valid: {valid}")
+        if not names or self.warm_start:
+            name = f"{self.preset}/{self.stage or names[-1]}" if names else self.preset
+            config = preset(name, self.algorithm)
+            self._run(config, self.run or self._folder(config.preset), resume=False)
+            return
+        configs = {name: self._budgeted(preset(f"{self.preset}/{name}", self.algorithm)) for name in names}
+        folder = self.run or self._folder(self.preset)
+        stages = begin_stages(folder, configs)
+        self._run_stages(folder, [stage for stage in stages if self.stage in (None, stage.name)])
+
+    def _folder(self, preset: str) -> Path:
+        return Path("runs") / f"{preset.replace('/', '-')}-{self.algorithm}-{self.seed}"
+
+    def _budgeted(self, config: TrainConfig) -> TrainConfig:
+        from surefoot.learning.config import with_budget
+
+        return with_budget(config, self.minutes, self.steps, config.seed if self.resume else self.seed)
+
+    def _run(self, config: TrainConfig, folder: Path, resume: bool) -> None:
+        """Learn one run."""
+        from surefoot.learning.train import train
+        from surefoot.learning.warm_start import warm_start
+
+        config = self._budgeted(config)
         if self.warm_start:
-            forerunner(config, self.warm_start)
+            warm_start(config, self.warm_start)
+        self._tell(config, folder)
+        with _resumable(folder), training_bar() as show:
+            train(config, folder, resume, show, self.warm_start)
+        console.print(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
+
+    def _run_stages(self, folder: Path, stages: list[Stage]) -> None:
+        """Learn the stages that are not done."""
+        for stage in stages:
+            stage = dataclasses.replace(stage, config=self._budgeted(stage.config))
+            if stage.is_done:
+                console.print(f"stage {stage.name}: done before")
+                continue
+            console.print(f"stage {stage.name}:")
+            self._tell(stage.config, stage.folder)
+            with _resumable(folder), training_bar() as show:
+                stage.run(show)
+        last = stages[-1].folder
+        console.print(f"the best policy is {last}/best.onnx; test it with: surefoot evaluate {last}")
+
+    def _tell(self, config: TrainConfig, folder: Path) -> None:
         console.print(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
         console.print("the bar ends with the impulses about rejected now: forward/left/backward/right")
-        try:
-            with training_bar() as show:
-                train(config, folder, self.resume is not None, show, self.warm_start)
-        except KeyboardInterrupt:
-            console.print(f"interrupted; go on with: surefoot train --resume {folder}")
-            raise
-        console.print(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
+
+
+@contextlib.contextmanager
+def _resumable(folder: Path) -> Iterator[None]:
+    """Tell how to go on when Ctrl-C stops a run."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        console.print(f"interrupted; go on with: surefoot train --resume {folder}")
+        raise
 
 
 @dataclass(frozen=True)
@@ -72,17 +149,19 @@ class Select:
     """Choose the best of several runs' policies by held-out trials that no training has seen."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Run folders, whose best and last policies compete, and policy files."""
+    """Run folders, whose best and last policies compete (those of all its stages, if a run has some), and policy
+    files."""
     out: Path | None = None
     """Write the best one to this file, with what was found in its training record."""
     rounds: int = 4
-    """Sets of trials for each: 128 of pushes at the root, 318 of everything up to our goals."""
+    """Sets of trials for each: 128 of pushes at the root, 318 of everything up to our targets."""
     mean_minutes: float | None = None
-    """Let means compete too, of the weights of all policies that a run kept within so many minutes."""
+    """Let means compete too, of the weights of all policies that a run kept within this many minutes."""
 
     def main(self) -> None:
+        """Validate all policies and choose one."""
         with needs_torch():
-            from surefoot.learning.selection import files, judge, means, shipped_bytes
+            from surefoot.learning.selection import best_candidate, files, means, shipped_bytes, validate_candidate
 
         check_positive("rounds", self.rounds)
         check_positive("mean-minutes", self.mean_minutes)
@@ -91,17 +170,17 @@ class Select:
             competing += [file for run in self.runs if run.is_dir() for file in means(run, self.mean_minutes)]
         candidates = []
         for file in competing:
-            with console.status(f"probing {file}"):
-                found = judge(file, self.rounds)
+            with console.status(f"validating {file}"):
+                found = validate_candidate(file, self.rounds)
             candidates.append(found)
             worst = min(found.rejected, key=lambda name: found.rejected[name])
             console.print(
-                f"{file}: {found.recovered:.3f} recovered, {found.calm:.2f} calm, "
+                f"{file}: {found.recovered:.3f} recovered, {found.quiet:.2f} quiet, "
                 f"worst direction {worst} {found.rejected[worst]:.0f} Ns; "
                 + ", ".join(f"{name} {share:.2f}" for name, share in found.passed.items()),
                 soft_wrap=True,
             )
-        best = max(candidates, key=lambda candidate: candidate.score)
+        best = best_candidate(candidates)
         console.print(f"best: {best.file}", soft_wrap=True)
         if self.out:
             self.out.write_bytes(shipped_bytes(best))
@@ -127,16 +206,15 @@ class Ablate:
     """Folder for the learning curves, NAME.csv."""
 
     def main(self) -> None:
+        """Learn what is missing and print the table."""
         with needs_torch():
-            from surefoot.learning.ablations import LEFT_OUT, ablate, ablation_table
+            from surefoot.learning.ablations import LEFT_OUT, ablate
+        from surefoot.report.ablations import ablation_table
 
         check_positive("steps", self.steps)
         check_not_negative("seed", self.seed)
-        for name in self.without:
-            if name not in LEFT_OUT:
-                raise UserError(f"unknown part '{name}'; valid: {', '.join(LEFT_OUT)}")
         curves = {}
-        for name in self.without or LEFT_OUT:
+        for name in self._names() or LEFT_OUT:
             console.print(f"without {name}: {self.steps:,} policy steps in {self.out / name}")
             with training_bar() as show:
                 curves[name] = ablate(name, self.out, self.steps, self.seed, show)
@@ -144,3 +222,14 @@ class Ablate:
                 self.export.mkdir(parents=True, exist_ok=True)
                 shutil.copy(self.out / name / "curve.csv", self.export / f"{name}.csv")
         console.print(ablation_table(curves).rich())
+
+    def _names(self) -> list[str]:
+        """What to leave out, in today's words."""
+        from surefoot.learning.ablations import LEFT_OUT, OLD_NAMES
+
+        for name in self.without:
+            if name in OLD_NAMES:
+                console.print(f"{name} is called {OLD_NAMES[name]} now; the old name goes with version 0.3")
+            elif name not in LEFT_OUT:
+                raise UserError(f"unknown part '{name}'; valid: {', '.join(LEFT_OUT)}")
+        return [OLD_NAMES.get(name, name) for name in self.without]

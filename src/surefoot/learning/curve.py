@@ -1,4 +1,10 @@
-"""Learning curves: the table that a run leaves, one row per probe; read here without torch."""
+"""Learning curves: the table that a run leaves, one row per validation; it is read here without torch.
+
+The columns keep the names of version 0.1, since committed results and their readers have them: "minutes" and "steps" of
+the run, "recovered" and "fell" (shares of the pushes), "calm" (share of the whole trials after which the robot stood
+quietly) and "calm_power" (median of their mean power [W]), "forward", "left", "backward" and "right" (impulses below
+which nothing failed [Ns]), "episode_length" [policy steps] and "episode_return".
+"""
 
 from __future__ import annotations
 
@@ -10,7 +16,7 @@ from surefoot.errors import UserError
 
 
 def read_curve(path: str | Path) -> list[dict[str, float]]:
-    """Rows of a learning curve: "minutes", "steps", "recovered" and more, see `Trainer`.
+    """Return the rows of a learning curve.
 
     Raises:
         UserError: the file cannot be read as one.
@@ -25,7 +31,7 @@ def read_curve(path: str | Path) -> list[dict[str, float]]:
 
 
 def read_curves(folder: str | Path) -> dict[str, list[list[dict[str, float]]]]:
-    """The learning curves in a folder: algorithm -> runs -> rows.
+    """Return the learning curves in a folder: algorithm -> runs -> rows.
 
     Args:
         folder: it holds ALGORITHM-SEED.csv files, or run folders, or is one.

@@ -1,4 +1,4 @@
-"""DDPG for a batch of robots: it learns while they move, explores from calm to bold, and replays in the mirror."""
+"""DDPG for a batch of robots: it learns while they move, each explores by its own amount, and replays are mirrored."""
 
 from __future__ import annotations
 
@@ -21,17 +21,19 @@ from surefoot.learning.sb3 import SB3VecEnv
 class BatchDDPG(DDPG):
     """DDPG for a batch of robots that learns while they move, and that can be asked for a smooth actor.
 
-    It begins with its own first policy instead of random actions. The gradient steps after a policy step wait for
-    the next one: its actions are chosen before them, so that nothing depends on which is done first.
+    It begins with its own first policy instead of random actions. The gradient steps after a policy step are done
+    while the robots make the next one. The actions of that next one are chosen before, so that the result does not
+    depend on which of the two is done first.
 
     Args:
+        args, kwargs: those of DDPG in stable-baselines3.
         smoothness: conditioning for action policy smoothness, Mysore et al. 2021: weight in the actor's loss of the
             action's squared change from one policy step to the next, and of its change under a little noise on the
             observation. 0 for plain DDPG.
     """
 
     NEARBY = 0.1
-    """Deviation of that noise, of normalised observations."""
+    """Standard deviation of that noise, of normalised observations."""
 
     def __init__(self, *args: Any, smoothness: float = 0.0, **kwargs: Any):
         super().__init__(*args, **kwargs)
@@ -44,6 +46,7 @@ class BatchDDPG(DDPG):
         return super()._sample_action(0, *args, **kwargs)
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
+        """Ask for gradient steps, which are done during the next policy step."""
         self._owed = (gradient_steps, batch_size)
 
     def _learn_meanwhile(self) -> None:
@@ -89,15 +92,17 @@ def _descend(network: Actor | ContinuousCritic, loss: torch.Tensor) -> None:
 
 
 class ExplorationNoise(VectorizedActionNoise):
-    """Exploration noise for a whole batch of robots at once, from calm to bold, correlated in time.
+    """Exploration noise for a whole batch of robots at once, of a different size for each, correlated in time.
 
-    An Ornstein-Uhlenbeck process, as in Lillicrap et al. 2016: white noise at 25 Hz mostly shakes the joints.
+    It is an Ornstein-Uhlenbeck process, as in Lillicrap et al. 2016: white noise at 25 Hz mostly shakes the joints.
 
     Args:
         shape: (num_robots, num_joints).
-        std: stationary, of the calmest and of the boldest robot; the others lie evenly between them on a logarithmic
-            scale, so that the replay buffer holds both fine standing and wild recoveries.
+        std: stationary standard deviation of the robot that explores least and of the one that explores most; the
+            others lie evenly between them on a logarithmic scale, so that the replay buffer holds both fine standing
+            and wild recoveries.
         correlation: of one policy step with the next; 0 for white noise.
+        rng: the run's generator.
 
     Attributes:
         scale: what all deviations are multiplied by.
@@ -119,11 +124,11 @@ class ExplorationNoise(VectorizedActionNoise):
 
 
 class MirroredReplayBuffer(NStepReplayBuffer):
-    """A replay buffer that shows every other transition in the mirror: a symmetric robot learns both sides at once.
+    """A replay buffer that mirrors every other transition, so that a symmetric robot learns both sides at once.
 
     Args:
-        mirrors: (source, sign) of the observation and of the action, see `observation.mirror`; the other arguments
-            are those of SB3's n-step buffer.
+        args, kwargs: those of SB3's n-step buffer.
+        mirrors: (source, sign) of the observation and of the action, see `observation.mirror`.
     """
 
     def __init__(self, *args: Any, mirrors: tuple[Mirror, Mirror], **kwargs: Any):
@@ -131,6 +136,7 @@ class MirroredReplayBuffer(NStepReplayBuffer):
         self._mirrors = [tensors(mirror) for mirror in mirrors]
 
     def sample(self, batch_size: int, env: Any = None) -> ReplayBufferSamples:
+        """Draw transitions, every other one in the mirror."""
         batch = super().sample(batch_size, env)
         for_observation, for_action = self._mirrors
         for vectors, (source, sign) in (

@@ -1,4 +1,4 @@
-"""Models: each algorithm on its environment, and how much it may explore."""
+"""Models: each algorithm of stable-baselines3 on its environment, and how much it may explore."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import BatchDDPG, ExplorationNoise, MirroredReplayBuffer
-from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, with_foreseen
+from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, Mirror, with_privileged
 from surefoot.learning.sb3 import SB3VecEnv
 from surefoot.task import observation
 from surefoot.task.privileged import SIGNS
@@ -24,34 +24,62 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": 
 def make_model(
     config: TrainConfig, venv: SB3VecEnv, rng: np.random.Generator, learning_rate: Callable[[float], float] | float
 ) -> BaseAlgorithm:
-    """The algorithm on its environment, networks new."""
-    hyper = {**config.hyper, "learning_rate": learning_rate}
-    common: dict[str, Any] = {"seed": config.seed, "device": "cpu"}
+    """Return the algorithm on its environment, with new networks.
+
+    Args:
+        config: of the run.
+        venv: the robots.
+        rng: of DDPG's exploration.
+        learning_rate: a number, or what stable-baselines3 calls before every update.
+    """
+    make = _off_policy if config.algorithm == "ddpg" else _on_policy
+    hyper = {**config.hyper, "learning_rate": learning_rate, "seed": config.seed, "device": "cpu"}
+    networks = {"num_privileged": len(SIGNS) if config.privileged_critic else 0}
+    return make(config, venv, rng, hyper, networks)
+
+
+def _on_policy(
+    config: TrainConfig, venv: SB3VecEnv, rng: np.random.Generator, hyper: dict[str, Any], networks: dict[str, Any]
+) -> BaseAlgorithm:
+    networks |= {
+        "net_arch": {"pi": list(config.actor), "vf": list(config.critic)},
+        "log_std_init": config.log_std,
+        "mirrors": _mirrors(venv) if config.mirror else None,
+    }
+    return ALGORITHMS[config.algorithm](GaussianPolicy, venv, policy_kwargs=networks, **hyper)
+
+
+def _off_policy(
+    config: TrainConfig, venv: SB3VecEnv, rng: np.random.Generator, hyper: dict[str, Any], networks: dict[str, Any]
+) -> BaseAlgorithm:
+    torch.set_num_threads(1)  # the other cores move the robots meanwhile
+    networks |= {
+        "net_arch": {"pi": list(config.actor), "qf": list(config.critic)},
+        "optimizer_kwargs": {"fused": True},  # these networks are small: a loop over their weights costs more
+    }
+    if config.mirror:
+        for_observation, for_action = _mirrors(venv)
+        for_critic = with_privileged(for_observation) if config.privileged_critic else for_observation
+        n_step_return = {"n_steps": hyper.pop("n_steps", 1), "gamma": hyper["gamma"]}
+        hyper["replay_buffer_class"] = MirroredReplayBuffer
+        hyper["replay_buffer_kwargs"] = {"mirrors": (for_critic, for_action), **n_step_return}
+    shape = config.num_envs, venv.env.robot.num_joints
+    hyper["action_noise"] = ExplorationNoise(shape, config.noise, config.noise_correlation, rng)
+    return ALGORITHMS["ddpg"](DeterministicPolicy, venv, policy_kwargs=networks, **hyper)
+
+
+def _mirrors(venv: SB3VecEnv) -> tuple[Mirror, Mirror]:
+    """Return the mirrors of the observation and of the action."""
     robot = venv.env.robot
-    for_observation, for_action = observation.mirror(robot), (robot.mirror_source, robot.mirror_sign)
-    foreseen = {"foreseen": len(SIGNS) if config.foresight else 0}
-    if config.algorithm == "ddpg":
-        torch.set_num_threads(1)  # the other cores move the robots meanwhile
-        networks: dict[str, Any] = {"net_arch": {"pi": list(config.actor), "qf": list(config.critic)}, **foreseen}
-        networks["optimizer_kwargs"] = {"fused": True}  # these networks are small: a loop over their weights costs more
-        if config.mirror:
-            hyper["replay_buffer_class"] = MirroredReplayBuffer
-            for_critic = with_foreseen(for_observation) if config.foresight else for_observation
-            n_step_return = {"n_steps": hyper.pop("n_steps", 1), "gamma": hyper["gamma"]}
-            hyper["replay_buffer_kwargs"] = {"mirrors": (for_critic, for_action), **n_step_return}
-        hyper["action_noise"] = ExplorationNoise(
-            (config.num_envs, robot.num_joints), config.noise, config.noise_correlation, rng
-        )
-        return ALGORITHMS["ddpg"](DeterministicPolicy, venv, policy_kwargs=networks, **hyper, **common)
-    networks = {"net_arch": {"pi": list(config.actor), "vf": list(config.critic)}, **foreseen}
-    networks |= {"log_std_init": config.log_std, "mirrors": (for_observation, for_action) if config.mirror else None}
-    return ALGORITHMS[config.algorithm](GaussianPolicy, venv, policy_kwargs=networks, **hyper, **common)
+    return observation.mirror(robot), (robot.mirror_source, robot.mirror_sign)
 
 
 def limit_exploration(model: BaseAlgorithm, log_std: float, share: float) -> None:
     """Leave a share of the exploration: of DDPG's noise, or of the largest deviation that a Gaussian policy may have.
 
     Args:
+        model: that explores.
+        share: that is left.
         log_std: logarithm of the Gaussian policy's initial deviation.
     """
     noise = getattr(model, "action_noise", None)

@@ -1,11 +1,11 @@
 """Run folder: what a training run leaves on disk, written so that an interrupt or a full disk loses nothing older.
 
-config.json      what it was told
-curve.csv        the learning curve: one row per evaluation
+config.json      the configuration
+curve.csv        the learning curve: one row per validation
 checkpoint.npz   everything needed to go on: networks, optimisers, random generators (arrays and JSON, no pickle)
-best.onnx        the best policy by evaluation
+best.onnx        the best policy by its validation
 last.onnx        the newest one
-kept/*.onnx      every policy that was evaluated, by its minute
+kept/*.onnx      every policy that was validated, by its minute
 events.out...    TensorBoard logs
 """
 
@@ -15,6 +15,7 @@ import csv
 import io
 import json
 import os
+import shutil
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from surefoot.learning.curve import read_curve
 
 KEPT = "kept"
 _JSON = "__json__"
+_RUN_FILES = ("config.json", "curve.csv", "best.onnx", "last.onnx")
 
 
 class RunFolder:
@@ -55,8 +57,17 @@ class RunFolder:
         write_whole(folder.path / "config.json", config.to_json().encode())
         return folder
 
+    @property
+    def has_checkpoint(self) -> bool:
+        """Can a run go on from here?"""
+        return (self.path / "checkpoint.npz").exists()
+
     def config(self) -> TrainConfig:
-        """Raises UserError: the folder is not a run folder."""
+        """Return the configuration.
+
+        Raises:
+            UserError: the folder is not a run folder.
+        """
         file = self.path / "config.json"
         try:
             return TrainConfig.from_json(file.read_text())
@@ -110,6 +121,20 @@ class RunFolder:
         """The learning curve so far."""
         file = self.path / "curve.csv"
         return read_curve(file) if file.exists() else []
+
+
+def discard_beginning(path: Path) -> None:
+    """Remove what a training left that was killed before its first checkpoint.
+
+    Raises:
+        UserError: the folder holds something that no training wrote.
+    """
+    if not path.exists():
+        return
+    strange = [f.name for f in path.iterdir() if f.name not in _RUN_FILES and not f.name.startswith((".", "events."))]
+    if strange:
+        raise UserError(f"{path} holds {strange[0]}, which no training wrote; give another folder")
+    shutil.rmtree(path)
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -20,6 +20,9 @@ class Normalisation:
 
     The mean is the observation of the nominal pose, made left-right symmetric, and the std the table's scales:
     constants, so that no replayed or stored transition goes stale.
+
+    Args:
+        env: whose robots are observed.
     """
 
     def __init__(self, env: PushRecoveryVectorEnv):
@@ -44,19 +47,19 @@ class SB3VecEnv(VecEnv):
 
     Args:
         env: whose robots are to be used.
-        foresight: append what is foreseen to every observation, for a critic; see `PushRecoveryVectorEnv.foreseen`.
+        privileged: append the privileged observation to every observation, for the critic.
 
     Attributes:
         meanwhile: if set, what the learner does while the robots move.
     """
 
-    def __init__(self, env: PushRecoveryVectorEnv, foresight: bool = False):
+    def __init__(self, env: PushRecoveryVectorEnv, privileged: bool = False):
         self.meanwhile: Callable[[], None] | None = None
-        self.foresight = foresight
+        self.privileged = privileged
         self._mover = ThreadPoolExecutor(1)
         self.env = env  # SB3's constructor asks it for its render mode
         (num_observed,) = env.single_observation_space.shape or (0,)
-        space = gym.spaces.Box(-np.inf, np.inf, (num_observed + foresight * len(SIGNS),), np.float32)
+        space = gym.spaces.Box(-np.inf, np.inf, (num_observed + privileged * len(SIGNS),), np.float32)
         super().__init__(env.num_envs, space, env.single_action_space)
         self.normalise = Normalisation(env)
         self._no_info: dict[str, Any] = {}
@@ -68,7 +71,7 @@ class SB3VecEnv(VecEnv):
         self._reset_seeds()
         self._return[:] = 0.0
         self._length[:] = 0
-        return self._seen(observations, self.env.foreseen())
+        return self._seen(observations, self.env.privileged_observation())
 
     def step_async(self, actions: np.ndarray) -> None:
         if self.meanwhile:
@@ -88,7 +91,7 @@ class SB3VecEnv(VecEnv):
         infos = [self._no_info] * self.num_envs
         ended = np.flatnonzero(done)
         if len(ended):
-            final = self._seen(info["final_obs"][ended], info["final_foreseen"][ended])
+            final = self._seen(info["final_obs"][ended], info["final_privileged"][ended])
             for i, last in zip(ended, final, strict=True):
                 infos[i] = {
                     "episode": {"r": self._return[i], "l": int(self._length[i])},
@@ -97,12 +100,12 @@ class SB3VecEnv(VecEnv):
                 }
             self._return[ended] = 0.0
             self._length[ended] = 0
-        return self._seen(observations, self.env.foreseen()), rewards.astype(np.float32), done, infos
+        return self._seen(observations, self.env.privileged_observation()), rewards.astype(np.float32), done, infos
 
-    def _seen(self, observations: np.ndarray, foreseen: np.ndarray) -> np.ndarray:
-        """What the networks see of observations (n, 47) and of what is foreseen for the robots (n, 12)."""
+    def _seen(self, observations: np.ndarray, privileged: np.ndarray) -> np.ndarray:
+        """Return what the networks see of observations (n, 47) and privileged observations (n, 12) of n robots."""
         seen = self.normalise(observations)
-        return np.concatenate([seen, foreseen], axis=1, dtype=np.float32) if self.foresight else seen
+        return np.concatenate([seen, privileged], axis=1, dtype=np.float32) if self.privileged else seen
 
     def close(self) -> None:
         self._mover.shutdown()

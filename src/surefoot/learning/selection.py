@@ -11,58 +11,73 @@ import numpy as np
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.policy_file import SUFFIX, mean_bytes, with_record
 from surefoot.errors import UserError
-from surefoot.learning.exam import examine
-from surefoot.learning.probe import MAX_PROBE_SCORE, Probe, probe
 from surefoot.learning.run_folder import KEPT, write_whole
+from surefoot.learning.stages import run_folders
+from surefoot.learning.suite_validation import validate_suite
+from surefoot.learning.validation import MAX_SCORE, Validation, validate
 
 FIRST_ROUND = 1
-"""A training probes with round 0, by which its best policy was chosen already."""
+"""A training validates with round 0, by which its best policy was chosen already."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A policy of a run, and what held-out trials say of it."""
+    """A policy of a run, and what held-out trials say of it.
+
+    Attributes:
+        file: of the policy.
+        validations: one of each round.
+        suites: the share of the suite's trials that succeeded by scenario, of each round.
+    """
 
     file: Path
-    probes: tuple[Probe, ...]
-    exams: tuple[dict[str, float], ...]
+    validations: tuple[Validation, ...]
+    suites: tuple[dict[str, float], ...]
 
     @property
     def recovered(self) -> float:
-        return sum(probe.recovered for probe in self.probes) / len(self.probes)
+        """Share of all pushes in the mean of the rounds."""
+        return sum(found.recovered for found in self.validations) / len(self.validations)
 
     @property
-    def calm(self) -> float:
-        return sum(probe.calm for probe in self.probes) / len(self.probes)
+    def quiet(self) -> float:
+        """Share of the whole trials after which the robot stood quietly, in the mean of the rounds."""
+        return sum(found.quiet for found in self.validations) / len(self.validations)
 
     @property
     def rejected(self) -> dict[str, float]:
-        """The largest impulse below which nothing failed in any probe, by direction name [Ns]."""
+        """The largest impulse below which nothing failed in any round, by direction name [Ns]."""
         found: dict[str, float] = {}
-        for name, impulse in (item for each in self.probes for item in each.rejected.items()):
+        for name, impulse in (item for each in self.validations for item in each.rejected.items()):
             found[name] = min(impulse, found.get(name, impulse))
         return found
 
     @property
     def passed(self) -> dict[str, float]:
-        """Share of the exams' trials that succeeded, by scenario."""
-        return {name: sum(exam[name] for exam in self.exams) / len(self.exams) for name in self.exams[0]}
+        """Share of the suite's trials that succeeded, by scenario, in the mean of the rounds."""
+        return {name: sum(suite[name] for suite in self.suites) / len(self.suites) for name in self.suites[0]}
 
     @property
     def score(self) -> float:
-        """Probes see the root's pushes up to large ones and the calm, exams all the rest: they count alike."""
+        """The score by which candidates are ranked.
+
+        The quick validation sees large pushes at the root and quiet standing, the suite all the rest: they count alike.
+        """
         shares = self.passed.values()
-        probed = sum(probe.score for probe in self.probes) / len(self.probes)
-        return probed + MAX_PROBE_SCORE * sum(shares) / len(shares)
+        quick = sum(found.score for found in self.validations) / len(self.validations)
+        return quick + MAX_SCORE * sum(shares) / len(shares)
 
 
 def files(runs: Sequence[Path]) -> list[Path]:
-    """The best and the last policy of run folders; policy files stand for themselves.
+    """Return the best and the last policy of run folders; policy files stand for themselves.
+
+    Of a folder of curriculum stages it is the policies of all its stages.
 
     Raises:
         UserError: there is none.
     """
-    found = [run / f"{name}{SUFFIX}" for run in runs if run.is_dir() for name in ("best", "last")]
+    folders = [folder for run in runs if run.is_dir() for folder in run_folders(run)]
+    found = [folder / f"{name}{SUFFIX}" for folder in folders for name in ("best", "last")]
     found = [file for file in (*found, *(run for run in runs if not run.is_dir())) if file.exists()]
     if not found:
         raise UserError(f"no policies in {', '.join(map(str, runs))}")
@@ -70,13 +85,22 @@ def files(runs: Sequence[Path]) -> list[Path]:
 
 
 def means(run: Path, minutes: float) -> list[Path]:
-    """Means of the weights of all policies that a run kept within so many minutes, written into its folder.
+    """Write means of the weights of all policies that a run kept within a window of time into its folder.
 
-    Holes wander from probe to probe; a mean has few of them, if the policies are near each other.
+    The impulses at which a policy fails wander from one validation to the next; a mean of policies that are near each
+    other fails at few of them.
 
     Args:
+        run: a run folder, or a folder of curriculum stages.
         minutes: length of a window; the next one begins half a window later.
+
+    Returns:
+        The files.
     """
+    return [file for folder in run_folders(run) for file in _means_of_run(folder, minutes)]
+
+
+def _means_of_run(run: Path, minutes: float) -> list[Path]:
     kept = sorted((run / KEPT).glob(f"*{SUFFIX}"))
     at = np.array([float(file.name.removesuffix(SUFFIX)) for file in kept])
     found = []
@@ -89,14 +113,19 @@ def means(run: Path, minutes: float) -> list[Path]:
     return found
 
 
-def judge(file: Path, num_rounds: int) -> Candidate:
-    """Probe and examine one policy with `num_rounds` sets of trials that its training has not seen."""
+def validate_candidate(file: Path, num_rounds: int) -> Candidate:
+    """Run both validations of one policy with `num_rounds` sets of trials that its training has not seen."""
     policy = NetworkAgent(file.read_bytes(), file.stem, str(file))
     rounds = range(FIRST_ROUND, FIRST_ROUND + num_rounds)
-    probes = tuple(probe(policy, round=number) for number in rounds)
-    return Candidate(file, probes, tuple(examine(policy, round=number) for number in rounds))
+    found = tuple(validate(policy, round=number) for number in rounds)
+    return Candidate(file, found, tuple(validate_suite(policy, round=number) for number in rounds))
+
+
+def best_candidate(candidates: Sequence[Candidate]) -> Candidate:
+    """Return the candidate with the highest score, the first of equals."""
+    return max(candidates, key=lambda candidate: candidate.score)
 
 
 def shipped_bytes(candidate: Candidate) -> bytes:
-    """The policy's file, with what each of its probes found in its training record."""
-    return with_record(candidate.file.read_bytes(), selection=[probe.record() for probe in candidate.probes])
+    """Return the policy's file, with what each round of its validation found in its training record."""
+    return with_record(candidate.file.read_bytes(), selection=[found.record() for found in candidate.validations])

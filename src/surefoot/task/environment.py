@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +15,7 @@ from surefoot.robots import load_robot
 from surefoot.task import observation, reward
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.imperfections import Imperfections
-from surefoot.task.privileged import Foresight
+from surefoot.task.privileged import PrivilegedObservation
 from surefoot.task.random_pushes import DisturbanceConfig, RandomPushes
 
 Schedule = tuple[tuple[float, float], ...]
@@ -34,23 +35,26 @@ class EnvConfig:
         drop_height: range of the height above the floor from which an episode starts [m], uniform.
         drop_share: share of the episodes that start from such a height; the others start on the floor.
         drop_lean: a dropped robot leans by up to this [rad], uniform, in any direction.
-        power_weight: penalty per watt, over the share of the training done.
-        power_knee: from about this power on, more costs ever less [W]; see `reward.step_reward`.
-        travel_weight: penalty per m/s of the feet's horizontal speeds, over the share of the training done.
-        travel_knee: from about this speed on, more costs ever less [m/s].
-        sway_weight: penalty per m/s of the CoM's horizontal speed, over the share of the training done.
-        posture_weight: penalty per rad of the joints' mean distance from the nominal pose, over the share of the
-            training done; free from the first moment on in which foot travel is.
-        travel_free: range of the last push's impulse over which foot travel and sway become free [Ns]: a small push
-            is to be answered without a step, a large one may cost any number; without it, they always cost. They are
-            free too
-        travel_free_s: for so long after a large push or a drop [s]. To robots with noise foot travel is always free.
-        noise_share: share of the episodes with noise, of a size that is uniform up to
-        observation_noise, action_noise: standard deviations, see `Imperfections`.
+        power_weight: penalty weight per watt, over the share of the training done.
+        power_log_scale: powers well above this one cost ever less [W], see `reward.log_scaled`.
+        foot_travel_weight: penalty weight per m/s of the feet's horizontal speeds, over the share of the training done.
+        foot_travel_log_scale: speeds well above this one cost ever less [m/s].
+        sway_weight: penalty weight per m/s of the CoM's horizontal speed, over the share of the training done.
+        posture_weight: penalty weight per rad of the joints' mean distance from the nominal pose, over the share of
+            the training done. The penalty ends for the rest of an episode as soon as the step penalties fade.
+        step_penalty_fade: foot travel and sway are the step penalties: a small push is to be answered without a step,
+            a large one may cost any number. They are charged in full after a push with an impulse below this range
+            [Ns], fade linearly within it, and are waived above it. Without a range they are always charged.
+        step_penalty_waiver_s: the step penalties fade only for this time after a push, or after a drop, for which they
+            are waived [s]. A robot with noise never pays for foot travel.
+        noise_share: share of the episodes with noise. Its size is uniform between none and the two deviations below.
+        observation_noise, action_noise: largest standard deviations, see `Imperfections`.
         disturbance: the pushes.
+        extra_terms: reward terms of your own by their names, see `reward.Term`; they are added to the table, and
+            rewarding ones count in the sum of the weights that the reward is divided by.
     """
 
-    robot: str = "valkyrie"
+    robot: str
     pose: str = "straight"
     action_scale: float = 1.0
     episode_s: float = 16.0
@@ -59,17 +63,37 @@ class EnvConfig:
     drop_share: float = 0.0
     drop_lean: float = 0.0
     power_weight: Schedule = ((0.0, 1e-4),)
-    power_knee: float | None = None
-    travel_weight: Schedule = ((0.0, 0.0),)
-    travel_knee: float | None = None
+    power_log_scale: float | None = None
+    foot_travel_weight: Schedule = ((0.0, 0.0),)
+    foot_travel_log_scale: float | None = None
     sway_weight: Schedule = ((0.0, 0.0),)
     posture_weight: Schedule = ((0.0, 0.0),)
-    travel_free: tuple[float, float] | None = None
-    travel_free_s: float = 3.0
+    step_penalty_fade: tuple[float, float] | None = None
+    step_penalty_waiver_s: float = 3.0
     noise_share: float = 0.0
     observation_noise: float = 0.0
     action_noise: float = 0.0
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
+    extra_terms: Mapping[str, reward.Term] = field(default_factory=dict)
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> EnvConfig:
+        """Return the configuration of a table of values, such as a preset's.
+
+        Raises:
+            TypeError: the table has an unknown key, or no robot.
+        """
+        disturbance = DisturbanceConfig(**as_tuples(values.get("disturbance", {})))
+        return cls(**as_tuples({**values, "disturbance": None}) | {"disturbance": disturbance})
+
+
+def as_tuples(value: Any) -> Any:
+    """Return nested lists and tables with tuples for the lists, as frozen configurations have them."""
+    if isinstance(value, list):
+        return tuple(as_tuples(item) for item in value)
+    if isinstance(value, dict):
+        return {key: as_tuples(item) for key, item in value.items()}
+    return value
 
 
 class PushRecoveryVectorEnv(gym.vector.VectorEnv):
@@ -79,6 +103,15 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
     nominal pose plus `action_scale` times the action, clipped to the joint ranges. An episode terminates when
     anything but a foot touches the ground (or its numbers become non-finite), and is truncated at `episode_s`.
     A robot whose episode ends starts the next one in the same step; its last observation is `final_obs` of the info.
+
+    Args:
+        num_envs: number of robots N.
+        config: what they are asked to do.
+        num_threads: of the physics; 0 for one per core.
+
+    Attributes:
+        reward_means: mean of every term of the reward in the last step, see `reward.step_reward`.
+        generator: the random generator of everything that is drawn.
     """
 
     metadata = {
@@ -89,8 +122,8 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
 
     render_mode = None
 
-    def __init__(self, num_envs: int, config: EnvConfig | None = None, num_threads: int = 0):
-        self.config = config = config or EnvConfig()
+    def __init__(self, num_envs: int, config: EnvConfig, num_threads: int = 0):
+        self.config = config
         self.num_envs = num_envs
         self.robot = load_robot(config.robot)
         self.loop = ControlLoop(self.robot, num_envs, self.robot.pose(config.pose), config.action_scale, num_threads)
@@ -100,13 +133,14 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
         self.max_ticks = round(config.episode_s * CONTROL_HZ)
-        self.set_progress(0.0)
         self.reward_means: dict[str, float] = {}
+        self._terms = reward.with_extra_terms(config.extra_terms)
         self._dropped = np.zeros(num_envs, bool)
-        self._in_place = np.ones(num_envs, bool)
+        self._pays_posture = np.ones(num_envs, bool)
         self._heading = np.ones(num_envs, complex)
         self._noise = np.zeros(num_envs)
-        self._foresight = Foresight(self.robot, self.loop.nominal)
+        self._privileged = PrivilegedObservation(self.robot, self.loop.nominal)
+        self.set_progress(0.0)
         self._seed(None)
 
     def _seed(self, seed: int | None) -> None:
@@ -117,7 +151,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
     def set_progress(self, progress: float) -> None:
         """Tell the schedules the share of the training done, 0 to 1."""
         self.power_weight = _at(progress, self.config.power_weight)
-        self.travel_weight = _at(progress, self.config.travel_weight)
+        self.foot_travel_weight = _at(progress, self.config.foot_travel_weight)
         self.sway_weight = _at(progress, self.config.sway_weight)
         self.posture_weight = _at(progress, self.config.posture_weight)
 
@@ -133,26 +167,17 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance every robot by one policy step: act, simulate, reward, observe."""
         self.random_pushes.advance(self.loop.tick)
-        ticks = self.loop.step(actions)
-        charged = self._charged()
-        self._in_place &= charged == 1.0
-        prices = reward.PenaltyWeights(
-            self.power_weight,
-            self.config.power_knee,
-            self.config.travel_knee,
-            travel=self.travel_weight * charged * ~self.loop.imperfect,
-            sway=self.sway_weight * charged,
-            posture=self.posture_weight * self._in_place,
-        )
-        rewards, self.reward_means = reward.step_reward(ticks, self.loop.nominal_com_height, prices, self.loop.nominal)
-        self._heading = ticks.heading[:, -1].copy()
+        record = self.loop.step(actions)
+        rewards, self.reward_means = reward.step_reward(record, self._reward_context(), self._terms)
+        self._heading = record.heading[:, -1].copy()
         observations = self.loop.observation.astype(np.float32)
-        terminated = ticks.non_foot_contact.any(axis=1) | self.loop.engine.diverged
+        terminated = record.non_foot_contact.any(axis=1) | self.loop.engine.diverged
         truncated = (self.loop.tick >= self.max_ticks) & ~terminated
         info: dict[str, Any] = {}
         done = terminated | truncated
         if done.any():
-            info = {"final_obs": observations.copy(), "_final_obs": done, "final_foreseen": self.foreseen()}
+            last = self.privileged_observation()
+            info = {"final_obs": observations.copy(), "_final_obs": done, "final_privileged": last}
             fallen = np.flatnonzero(terminated)
             self.random_pushes.fell(fallen, self.loop.tick[fallen])
             ids = np.flatnonzero(done)
@@ -160,25 +185,43 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
             observations[ids] = self.loop.observe(ids)
         return observations, rewards, terminated, truncated, info
 
-    def foreseen(self) -> np.ndarray:
-        """What a critic may know beside the observation, and a policy may not: (N, 12) float64, `foresight.SIGNS`.
+    def privileged_observation(self) -> np.ndarray:
+        """What a critic may know beside the observation, and a policy may not: (N, 12) float64, `privileged.SIGNS`.
 
-        The next push (`Foresight.next_push`), the share of the prices of foot travel and sway that is charged now,
+        It is the next push (`PrivilegedObservation.next_push`), the share of the step penalties that is charged now,
         whether leaving the nominal pose still costs, and the robot's noise as a share of the largest.
         """
         loop = self.loop
-        pushes = self._foresight.next_push(loop.pushes, loop.tick, self._heading)
-        return np.column_stack([pushes, self._charged(), self._in_place, self._noise])
+        pushes = self._privileged.next_push(loop.pushes, loop.tick, self._heading)
+        return np.column_stack([pushes, self.step_penalty_share(), self._pays_posture, self._noise])
 
-    def _charged(self) -> np.ndarray:
-        """Share of the price of foot travel and sway that each robot pays after its last push: (N,)."""
-        if not (self.travel_weight or self.sway_weight or self.posture_weight) or self.config.travel_free is None:
+    def step_penalty_share(self) -> np.ndarray:
+        """Share of the penalties of foot travel and sway that each robot pays after its last push: (N,)."""
+        has_penalties = self.foot_travel_weight or self.sway_weight or self.posture_weight
+        if not has_penalties or self.config.step_penalty_fade is None:
             return np.ones(self.num_envs)
         impulse, since = self.random_pushes.latest(self.loop.tick)
-        free = np.interp(impulse, self.config.travel_free, (0.0, 1.0))
-        free[self._dropped & (impulse == 0.0)] = 1.0
-        free[since > self.config.travel_free_s * CONTROL_HZ] = 0.0
-        return 1.0 - free
+        waived = np.interp(impulse, self.config.step_penalty_fade, (0.0, 1.0))
+        waived[self._dropped & (impulse == 0.0)] = 1.0
+        waived[since > self.config.step_penalty_waiver_s * CONTROL_HZ] = 0.0
+        return 1.0 - waived
+
+    def _reward_context(self) -> reward.RewardContext:
+        share = self.step_penalty_share()
+        self._pays_posture &= share == 1.0
+        weights: dict[str, np.ndarray | float] = {
+            "power": self.power_weight,
+            "foot_travel": self.foot_travel_weight * share * ~self.loop.imperfect,
+            "sway": self.sway_weight * share,
+            "posture": self.posture_weight * self._pays_posture,
+        }
+        return reward.RewardContext(
+            self.loop.nominal_com_height,
+            self.loop.nominal,
+            weights,
+            self.config.power_log_scale,
+            self.config.foot_travel_log_scale,
+        )
 
     def _reset(self, ids: np.ndarray) -> None:
         rng, config, n = self.generator, self.config, len(ids)
@@ -189,15 +232,15 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         lean = dropped * rng.uniform(0.0, config.drop_lean, n) * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, n))
         self.loop.reset(ids, joints, height=height, roll=lean.real, pitch=lean.imag)
         self._dropped[ids] = dropped
-        self._in_place[ids] = True
+        self._pays_posture[ids] = True
         self._heading[ids] = 1.0
         self._noise[ids] = 0.0
         if config.noise_share:
-            self._spoil(ids[rng.random(n) < config.noise_share])
+            self._add_noise(ids[rng.random(n) < config.noise_share])
         self.random_pushes.reset(ids)
 
-    def _spoil(self, ids: np.ndarray) -> None:
-        """Give robots `ids` noise."""
+    def _add_noise(self, ids: np.ndarray) -> None:
+        """Give robots `ids` (n,) noise of a random size."""
         self._noise[ids] = size = self.generator.random(len(ids))
         seeds = self.generator.integers(2**31, size=len(ids))
         for robot, share, seed in zip(ids, size, seeds, strict=True):
@@ -206,5 +249,6 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
 
 
 def _at(progress: float, schedule: Schedule) -> float:
+    """Value of a schedule at a share of the training done."""
     knots = np.array(schedule)
     return float(np.interp(progress, knots[:, 0], knots[:, 1]))

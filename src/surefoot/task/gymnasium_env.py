@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.resources
+import tomllib
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +13,8 @@ from surefoot.rates import POLICY_HZ
 from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
 
 ENV_ID = "surefoot/PushRecovery-v0"
+DEFAULT_PRESET, DEFAULT_ALGORITHM = "fast", "ddpg"
+"""The preset whose task is the default: the task that the shipped policies began with."""
 
 
 def register() -> None:
@@ -19,17 +23,24 @@ def register() -> None:
         gym.register(ENV_ID, entry_point=f"{__name__}:PushRecoveryEnv")
 
 
+def default_config() -> EnvConfig:
+    """Return the task of the preset `fast`, with which a policy is learned in minutes."""
+    preset = importlib.resources.files("surefoot") / "learning" / "presets" / f"{DEFAULT_PRESET}.toml"
+    return EnvConfig.from_values(tomllib.loads(preset.read_text())[DEFAULT_ALGORITHM]["env"])
+
+
 class PushRecoveryEnv(gym.Env[np.ndarray, np.ndarray]):
     """A batch of one robot: see `PushRecoveryVectorEnv` for observation, action and ends of episodes.
 
     Args:
-        config: the task.
+        config: the task; without it, that of the preset `fast`.
+        render_mode: None; the environment draws nothing.
     """
 
     metadata = {"render_modes": [], "render_fps": POLICY_HZ}
 
     def __init__(self, config: EnvConfig | None = None, render_mode: None = None):
-        self.batch = PushRecoveryVectorEnv(1, config, num_threads=1)
+        self.batch = PushRecoveryVectorEnv(1, config or default_config(), num_threads=1)
         self.observation_space = self.batch.single_observation_space
         self.action_space = self.batch.single_action_space
         self.render_mode = render_mode
@@ -43,7 +54,10 @@ class PushRecoveryEnv(gym.Env[np.ndarray, np.ndarray]):
         return observations[0], info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """One policy step; after an end the caller resets, as gymnasium has it."""
+        """Advance by one policy step; after an end the caller resets, as gymnasium has it."""
         observations, rewards, terminated, truncated, info = self.batch.step(np.asarray(action)[None])
         last = info.get("final_obs", observations)
         return last[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), dict(self.batch.reward_means)
+
+
+register()

@@ -1,7 +1,7 @@
-"""Foresight: what a critic may know of what a robot meets, and the policy may not.
+"""Privileged observation: what only the critic sees, in training (asymmetric actor and critic, Pinto et al. 2017).
 
-A push that a critic did not expect is noise on all that was done shortly before, and so is one that is harder than it
-looked because it comes at the torso.
+A push that a critic does not expect is noise in its estimates of all states shortly before it. The same holds for a
+push that is harder than it looks because it comes at the torso.
 """
 
 from __future__ import annotations
@@ -29,17 +29,18 @@ SIGNS = {
     "lever_y": -1.0,
     "side": -1.0,
     "lift": 1.0,
-    "charged": 1.0,
-    "in_place": 1.0,
+    "step_penalty_share": 1.0,
+    "posture_penalised": 1.0,
     "noise": 1.0,
 }
-"""The components in order, and what left and right exchanged do to them; the first nine are those of `next_push`."""
+"""The components in order, with their signs in the mirror; the first nine are those of `next_push`."""
 
 
-class Foresight:
-    """Tells the next pushes of a batch of robots.
+class PrivilegedObservation:
+    """Describes the next pushes of a batch of robots.
 
     Args:
+        robot: the machine.
         nominal: pose in which the bodies' heights are taken, (num_joints,) [rad].
     """
 
@@ -51,7 +52,7 @@ class Foresight:
             self._side[robot.body_id(name)] = robot.side(name)
 
     def next_push(self, pushes: Pushes, tick: np.ndarray, heading: np.ndarray) -> np.ndarray:
-        """The pushes to come or under way.
+        """Return the pushes to come or under way.
 
         Args:
             pushes: of the N robots, horizontal ones in slot `PUSH`, upward ones in slot `LIFT`.
@@ -61,8 +62,8 @@ class Foresight:
         Returns:
             (N, 9): how near the push is, from 0 (a second away, or over) to 1 (under way); times how much of its
             impulse is left, in units of 200 Ns: its size, along x and y of the heading frame; these three times the
-            height of the pushed body above the robot's CoM, in units of 0.5 m; the size again, positive at a left leg
-            and negative at a right one; and the same of the push upwards.
+            height of the pushed body above the robot's CoM, in units of 0.5 m; the size again, positive at a left leg,
+            negative at a right one and 0 at a body in the middle; and the same of the push upwards.
         """
         near, share, seconds = _weight(pushes, PUSH, tick)
         force = pushes.force[:, PUSH]
@@ -77,12 +78,12 @@ class Foresight:
 
 @functools.cache
 def _heights(robot: Robot, pose: tuple[float, ...]) -> list[float]:
-    """Heights of the pushable bodies' CoMs above the robot's [m]."""
+    """Return the heights of the pushable bodies' CoMs above the robot's [m]."""
     return [-robot.lever_arm(np.array(pose), name, 0.0) for name in robot.pushable]
 
 
 def _weight(pushes: Pushes, slot: int, tick: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How near each push of a slot is, that times the share of it that is left, and its duration [s]."""
+    """Return how near each push of a slot is, that times the share that is left, and its duration [s]: (N,) each."""
     start, end = pushes.start[:, slot], pushes.end[:, slot]
     ticks = np.maximum(end - start, 1)
     left = np.clip((end - np.maximum(tick, start)) / ticks, 0.0, 1.0)

@@ -25,9 +25,9 @@ class DisturbanceConfig:
         first: range of the first push's start [s], uniform.
         interval: range of the time from one push to the next [s], uniform.
         duration: [s].
-        curriculum: if given, the share of hard pushes to survive. Each direction then has a ceiling of its own that
-            begins at the range's upper end and rises while more are survived.
-        max_impulse: where a curriculum ends [Ns].
+        survival_target: if given, each direction has a ceiling of its own. It begins at the range's upper end, rises
+            while a larger share of the hard pushes is survived than this, and falls while a smaller one is.
+        max_impulse: the ceilings' largest value [Ns].
         lift: range of a push upwards at the root that comes first in some cases [Ns], uniform.
         lift_share: in this share of the pushes; the other one is then half as large as it was drawn.
         lift_gap: time from the push upwards to the other [s].
@@ -42,7 +42,7 @@ class DisturbanceConfig:
     first: tuple[float, float] = (1.0, 1.0)
     interval: tuple[float, float] = (5.0, 5.0)
     duration: float = PUSH_DURATION
-    curriculum: float | None = None
+    survival_target: float | None = None
     max_impulse: float = 600.0
     lift: tuple[float, float] = (0.0, 0.0)
     lift_share: float = 0.0
@@ -66,7 +66,7 @@ class RandomPushes:
     """
 
     STEP = 4.0
-    """How fast a curriculum moves [Ns per push]."""
+    """How fast a ceiling moves [Ns per push]."""
     HARD = 0.7
     """Pushes above this share of the ceiling move it."""
     SURVIVED_S = 2.0
@@ -128,10 +128,10 @@ class RandomPushes:
         self._count_falls(pushed, fell=True)
 
     def _move_ceiling(self, ids: np.ndarray, survived: bool) -> None:
-        if self.config.curriculum is None:
+        if self.config.survival_target is None:
             return
         hard = ids[self._impulse[ids] > self.HARD * self.ceiling[self._sector[ids]]]
-        np.add.at(self.ceiling, self._sector[hard], self.STEP * (survived - self.config.curriculum))
+        np.add.at(self.ceiling, self._sector[hard], self.STEP * (survived - self.config.survival_target))
         np.clip(self.ceiling, self.config.impulse[1], self.config.max_impulse, out=self.ceiling)
 
     def _count_falls(self, ids: np.ndarray, fell: bool) -> None:

@@ -1,4 +1,4 @@
-"""Foresight: what a critic is told of the pushes to come."""
+"""Privileged observation: what a critic is told of the pushes to come."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import pytest
 
 from surefoot.physics.pushes import PUSH_DURATION, Pushes
 from surefoot.robots import Robot
-from surefoot.task import privileged as foresight
-from surefoot.task.privileged import LEVER_UNIT, Foresight
+from surefoot.task.privileged import LEVER_UNIT, SIGNS, PrivilegedObservation
 from surefoot.task.random_pushes import LIFT, PUSH
 
-NAMES = list(foresight.SIGNS)[:9]
+NAMES = list(SIGNS)[:9]
 
 
 def told(robot: Robot, body: str, force: tuple, tick: int, heading: complex = 1.0, lift: float = 0.0) -> dict:
@@ -19,7 +18,7 @@ def told(robot: Robot, body: str, force: tuple, tick: int, heading: complex = 1.
     pushes = Pushes(robot, 1, num_slots=2)
     for slot, impulse, start in ((PUSH, force, 1000), (LIFT, (0.0, 0.0, lift), 900)):
         pushes.schedule(np.array([0]), slot, robot.body_id(body), np.array(impulse), start, PUSH_DURATION)
-    found = Foresight(robot, robot.pose("bent")).next_push(pushes, np.array([tick]), np.array([heading]))
+    found = PrivilegedObservation(robot, robot.pose("bent")).next_push(pushes, np.array([tick]), np.array([heading]))
     return dict(zip(NAMES, found[0], strict=True))
 
 
@@ -63,4 +62,4 @@ def test_a_mirrored_push_is_told_with_the_signs_of_a_mirror(robot: Robot) -> Non
     left = told(robot, "left_thigh", (30.0, 70.0, 0.0), 950, lift=200.0)
     right = told(robot, "right_thigh", (30.0, -70.0, 0.0), 950, lift=200.0)
     for name in NAMES:
-        assert right[name] == pytest.approx(foresight.SIGNS[name] * left[name], abs=1e-3), name
+        assert right[name] == pytest.approx(SIGNS[name] * left[name], abs=1e-3), name

@@ -1,4 +1,4 @@
-"""Probe: a quick look at a policy in training, on trials held out from the evaluation proper."""
+"""Validation: a quick look at a policy in training, on trials held out from the evaluation proper."""
 
 from __future__ import annotations
 
@@ -15,78 +15,90 @@ from surefoot.task.agent import Agent
 
 NUM_DIRECTIONS = 8
 SPACING = 6
-"""Cells of the grid from one probed impulse to the next: 36 Ns."""
+"""Cells of the grid from one impulse to the next: 36 Ns."""
 NUM_IMPULSES = 15
-CALM_CELL = 17
-"""The whole trials that show how calmly a policy stands afterwards: 102 Ns in every direction."""
-CALM_POWER, CALM_DRIFT = 20.0, 0.01
-"""Calm is less than so much mean power [W] and drift of the CoM [m], and no step."""
-MAX_PROBE_SCORE = 4.0
+QUIET_CELL = 17
+"""The whole trials that show how quietly a policy stands afterwards: 102 Ns in every direction."""
+QUIET_POWER, QUIET_DRIFT = 20.0, 0.01
+"""Standing is quiet with less than this mean power [W] and this drift of the CoM [m], and without a step."""
+MAX_SCORE = 4.0
 FIRST_SEED = 1_000_000
 """Far from the evaluation's seeds, which count from 0."""
 
 
 @dataclass(frozen=True)
-class Probe:
+class Validation:
     """What the held-out trials say.
 
     Attributes:
         recovered: share of all pushes.
         fell: share that ended in a fall.
-        rejected: the largest impulse below which nothing failed, by direction name [Ns]: one trial a cell, so a
-            glance and not a measurement.
-        calm: share of whole trials after which the robot stood calmly.
+        rejected: the largest impulse below which nothing failed, by direction name [Ns]. With one trial of each
+            impulse this is a glance, not a measurement.
+        quiet: share of whole trials after which the robot stood quietly.
         power: median of the mean power in these from 5 s after the push on [W]; NaN if none stood to its end.
     """
 
     recovered: float
     fell: float
     rejected: dict[str, float]
-    calm: float
+    quiet: float
     power: float
 
     @property
     def score(self) -> float:
-        """By which a run's best policy is kept: all pushes, worst and mean direction without a hole, and calm."""
+        """The score by which a run's best policy is kept: share of all pushes, impulses without a hole, quiet standing.
+
+        Of the impulses below which nothing failed, those of the worst direction and of the mean count alike.
+        """
         largest = NUM_IMPULSES * SPACING * 6.0
         values = list(self.rejected.values())
-        return self.recovered + (min(values) + float(np.mean(values))) / largest + self.calm
+        return self.recovered + (min(values) + float(np.mean(values))) / largest + self.quiet
 
     def record(self) -> dict[str, float]:
-        """For a policy's training record: what it is held to later."""
-        return {"recovered": round(self.recovered, 4), "calm": self.calm}
+        """Return what a policy's training record keeps; its keys are those of version 0.1."""
+        return {"recovered": round(self.recovered, 4), "calm": self.quiet}
+
+    def columns(self) -> dict[str, float]:
+        """Return the columns of a learning curve; their names are those of version 0.1."""
+        shares = {"recovered": self.recovered, "fell": self.fell, "calm": self.quiet, "calm_power": self.power}
+        return shares | self.main_directions()
 
     def main_directions(self) -> dict[str, float]:
-        """Rejected impulses forward, left, backward and right."""
+        """Return the rejected impulses forward, left, backward and right [Ns]."""
         return {name: self.rejected[name] for name in DIRECTIONS}
 
 
-def probe(policy: Agent, num_threads: int = 0, round: int = 0) -> Probe:
+def validate(policy: Agent, num_threads: int = 0, round: int = 0) -> Validation:
     """Run the held-out trials: 8 directions x 15 impulses from 36 to 540 Ns, one trial each, and 8 whole ones.
 
     Args:
+        policy: to be validated.
+        num_threads: of the physics; 0 for one per core.
         round: which of many such sets of trials, that differ in their seeds. Rounds 2 and 3, 6 and 7 and so on push
-            half way between the directions of the others: a policy may have a hole where its training never looks.
+            half way between the directions of the others, since a policy may have a hole where its training never
+            looks.
     """
     lines = push_lines(num_directions=2 * NUM_DIRECTIONS)[round // 2 % 2 :: 2]
     cells = [(i, j) for i in range(NUM_DIRECTIONS) for j in range(NUM_IMPULSES)]
     seeds = itertools.count(FIRST_SEED + round * (len(cells) + NUM_DIRECTIONS))
     trials = {(i, j): lines[i].trial((j + 1) * SPACING, next(seeds), full_length=False) for i, j in cells}
-    whole = [line.trial(CALM_CELL, next(seeds), full_length=True) for line in lines]
+    whole = [line.trial(QUIET_CELL, next(seeds), full_length=True) for line in lines]
     todo = [*whole, *trials.values()]
     outcomes = run_list(policy, todo, num_slots=len(todo), num_threads=num_threads)
     pushed = [[outcomes[trials[i, j]] for j in range(NUM_IMPULSES)] for i in range(NUM_DIRECTIONS)]
     recovered = np.array([[outcome.recovered for outcome in row] for row in pushed])
     unbroken = np.cumprod(recovered, axis=1).sum(axis=1) * SPACING * 6.0
     stood = [outcomes[trial] for trial in whole if outcomes[trial].recovered]
-    return Probe(
+    return Validation(
         recovered=float(recovered.mean()),
         fell=float(np.mean([outcome.reason == "fell" for row in pushed for outcome in row])),
         rejected={line.name: float(impulse) for line, impulse in zip(lines, unbroken, strict=True)},
-        calm=sum(_is_calm(outcome) for outcome in stood) / NUM_DIRECTIONS,
+        quiet=sum(_is_quiet(outcome) for outcome in stood) / NUM_DIRECTIONS,
         power=float(np.median([outcome.quiet_power for outcome in stood])) if stood else float("nan"),
     )
 
 
-def _is_calm(outcome: Outcome) -> bool:
-    return outcome.quiet_power < CALM_POWER and outcome.quiet_drift < CALM_DRIFT and outcome.quiet_steps == 0
+def _is_quiet(outcome: Outcome) -> bool:
+    """Tell whether the robot stood quietly from 5 s after the push on."""
+    return outcome.quiet_power < QUIET_POWER and outcome.quiet_drift < QUIET_DRIFT and outcome.quiet_steps == 0

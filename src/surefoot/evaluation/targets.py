@@ -1,0 +1,31 @@
+"""Targets: what we want a policy to reach, by the key of its flat figure (docs/figures.md)."""
+
+from __future__ import annotations
+
+TARGET_VALUES: dict[str, float] = {
+    "root_push.worst": 330.0,
+    "root_push.best": 540.0,
+    "root_push_no_step.sagittal": 84.0,
+    "root_push_no_step.lateral": 96.0,
+    "torso_push.worst": 264.0,
+    "thigh_push.worst": 360.0,
+    "shank_push.worst": 264.0,
+    "landing.height_m": 1.5,
+    "landing.angle_deg": 20.0,
+    "combined.horizontal_Ns": 240.0,
+    "noise.share_kept": 0.9,
+    "quiet.com_drift_m": 0.01,
+    "quiet.steps": 0.0,
+    "quiet.mean_power_W": 20.0,
+    "quiet_after_push.com_drift_m": 0.01,
+    "quiet_after_push.steps": 0.0,
+    "quiet_after_push.mean_power_W": 20.0,
+}
+"""Figure -> what is to be reached: at least for what a policy withstands, at most for how it stands."""
+
+MAIN_DIRECTIONS: dict[str, tuple[float, float]] = {
+    "trpo": (300.0, 240.0),
+    "ppo": (300.0, 240.0),
+    "ddpg": (300.0, 300.0),
+}
+"""Algorithm -> target of root_push.sagittal and root_push.lateral [Ns]."""
