@@ -36,7 +36,10 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
     ("arguments", "message"),
     [
         (["train", "--algorithm", "sac"], "surefoot: unknown algorithm 'sac'; valid: trpo, ppo, ddpg"),
-        (["train", "--preset", "slow"], "surefoot: unknown preset 'slow'; valid: paper, fast, complete, or a .toml file"),
+        (
+            ["train", "--preset", "slow"],
+            "surefoot: unknown preset 'slow'; valid: paper, fast, complete, or a .toml file",
+        ),
         (["train", "--minutes", "-1"], "surefoot: minutes must be a positive number, not -1.0"),
         (["train", "--minutes", "nan"], "surefoot: minutes must be a positive number, not nan"),
         (["train", "--steps", "0"], "surefoot: steps must be a positive number, not 0"),

@@ -14,7 +14,7 @@ from surefoot.evaluation.results import Results, TrialStore
 from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario
 from surefoot.evaluation.threshold_search import FixedTrials, Threshold, ThresholdSearch, TrialRequest
 from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
-from surefoot.robots import Robot, load_robot
+from surefoot.robots import Robot
 from surefoot.task.agent import Agent
 
 __all__ = ["DIRECTIONS", "Line", "Store", "Threshold", "find_thresholds", "push_lines", "run_scenarios"]
@@ -62,7 +62,7 @@ def run_scenarios(
     Returns:
         The thresholds of all lines that are searched.
     """
-    scenarios, protocol = list(scenarios), protocol_for(load_robot(policy.contract.robot))
+    scenarios, protocol = list(scenarios), protocol_for(policy.robot)
     thresholds: list[Threshold] = []
     for domain in dict.fromkeys(scenario.domain for scenario in scenarios):
         lines = [line for s in scenarios if s.domain == domain for line in s.lines(protocol)]
