@@ -68,8 +68,12 @@ class NetworkAgent(ObservingAgent):
         return tuple(len(bias) for _, bias in self._stored_layers()[:-1])
 
     def layers(self, mean: np.ndarray, std: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """(weight, bias) of every layer, the first one as it acts on (observation - mean) / std: what `network_bytes`
-        was given."""
+        """(weight, bias) of every layer, as `network_bytes` was given them.
+
+        Args:
+            mean: of the observation (num_observations,); the first layer then acts on (observation - mean) / std.
+            std: of the observation (num_observations,).
+        """
         (scaled, bias), *others = self._stored_layers()
         return [((scaled * std).astype(np.float32), (bias + scaled @ mean).astype(np.float32)), *others]
 
@@ -82,8 +86,11 @@ class NetworkAgent(ObservingAgent):
         return [(tensors[f"weight_{i}"], tensors[f"bias_{i}"]) for i in range(len(tensors) // 2)]
 
     def actions(self, observations: np.ndarray) -> np.ndarray:
-        """Actions (n, num_joints) float32 for filtered observations (n, num_observations), as an environment's `step`
-        takes them: joint targets in units of `action_scale`, counted from the nominal pose, not clipped."""
+        """Actions (n, num_joints) float32 for filtered observations (n, num_observations).
+
+        They are what an environment's `step` takes: joint targets in units of `action_scale`, counted from the nominal
+        pose, not clipped.
+        """
         return self._session.run(None, {self._input: np.asarray(observations, np.float32)})[0]
 
     def __call__(self, inputs: np.ndarray, ids: np.ndarray) -> Command:

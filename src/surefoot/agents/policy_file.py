@@ -22,8 +22,10 @@ def network_bytes(
 
     Args:
         layers: (weight (out, in), bias (out,)) of every linear layer; tanh between them.
-        mean, std: of the observation (47,).
+        mean: of the observation (num_observations,).
+        std: of the observation (num_observations,).
         squash: tanh on the output too.
+        contract: what the file says about the robot.
     """
     import onnx
     from onnx import TensorProto, helper, numpy_helper

@@ -280,8 +280,11 @@ class ControlLoop:
         self._pushed = self.pushes.write(self.engine.wrench, self.tick)
 
     def _filter_errors(self, ids: np.ndarray, num_ticks: int) -> None:
-        """What is wrong with the observations passes a filter of its own: the filter is linear, and so no robot's
-        numbers depend on whether another one has errors."""
+        """Advance what is wrong with the observations of robots `ids` (n,) by some ticks.
+
+        It passes a filter of its own: the filter is linear, and so no robot's numbers depend on whether another one has
+        errors.
+        """
         bias = np.repeat(self._bias[ids, None], num_ticks, axis=1)
         self._errors([self._observation_noise.add(ids, bias)], ids)
 

@@ -105,12 +105,16 @@ class Guard:
 
 
 class _TooLate(BaseException):
-    """Not an Exception, so that no agent catches it by the way."""
+    """Raised when the time is over; it is not an Exception, so that an agent which catches those does not catch it."""
 
 
 @contextmanager
 def _time_limit(seconds: float) -> Iterator[None]:
-    """Break off what takes longer. Outside the main thread Python has no means to, and it is seen afterwards."""
+    """Break off what takes longer; outside the main thread Python cannot do so, and only finds out afterwards.
+
+    Raises:
+        _TooLate: it has taken longer.
+    """
 
     def ring(number: int, frame: FrameType | None) -> None:
         raise _TooLate

@@ -9,12 +9,12 @@ from surefoot.agents.controllers.inverse_dynamics import InverseDynamics, Motion
 from surefoot.robots import Robot
 
 GAIN = 3.0
-"""How fast the capture point comes back while the pressure centre is inside the soles [1/s]."""
+"""Rate at which the capture point comes back while the pressure centre is inside the soles [1/s]."""
 EDGE = 0.008
-"""The pressure centre stays so far inside the soles' borders [m]: on the border itself a foot would tip."""
+"""Distance of the pressure centre from the soles' borders, at least [m]: on the border itself a foot would tip."""
 
 FLIGHT_S = 0.02
-"""Without any contact for longer than this the robot is in the air [s]."""
+"""A robot that has touched nothing for longer than this is in the air [s]."""
 
 
 class Ankle:
@@ -37,11 +37,12 @@ class Ankle:
         """When a foot last touched the ground [s]."""
 
     def reset(self, ids: np.ndarray) -> None:
-        """The height to keep is that of the start."""
+        """Forget robots `ids` (n,): the height to keep is that of the start."""
         self.height[ids] = np.nan
         self.touched[ids] = -np.inf
 
     def __call__(self, state: State, ids: np.ndarray) -> Command:
+        """Turn the motion that the law asks for into joint torques."""
         self.dynamics.body.update(state)
         self.height[ids] = np.where(np.isnan(self.height[ids]), state.com_height, self.height[ids])
         target, torque = self.dynamics(state, self.motion(state, ids))
@@ -53,7 +54,7 @@ class Ankle:
         return Command(target, np.where(flying, 0.0, torque))
 
     def motion(self, state: State, ids: np.ndarray) -> Motion:
-        """What the robots shall do."""
+        """The motion that n robots are to make."""
         motion = Motion.standing(self.pressure(state, ids), 0.0)
         motion.height = self.height[ids]
         return motion

@@ -96,12 +96,12 @@ class Body:
 
 @dataclass(frozen=True)
 class Legs:
-    """Lengths of a robot's legs, with its joints at zero: rounded, for no law depends on a hair's breadth.
+    """Lengths of a robot's legs with its joints at zero, rounded to 0.1 mm.
 
     Attributes:
         hips: where the hips pitch, from the root (2, 3) [m]: left, right.
         ankles: where the ankles pitch, from the soles' centres (2, 3) [m].
-        reach: from hip to ankle, at most [m]: with a knee that is still bent.
+        reach: the largest distance from hip to ankle at which the knee can still push [m], rounded to a centimetre.
     """
 
     hips: np.ndarray
@@ -126,7 +126,7 @@ class Legs:
                 raise UserError(f"{robot.name} has no leg with hip, knee and ankle that pitch, which stepping needs")
             hip, ankle = data.xanchor[pitch[0]] - data.body(robot.root).xpos, data.xanchor[pitch[-1]]
             lengths.append(np.linalg.norm(data.xanchor[pitch[0]] - ankle))
-            # The hip's axis goes along y: of its points, the one in the leg's plane counts.
+            # The hip's axis goes along y. The point on it that counts lies in the plane of the leg.
             hips.append([hip[0], ankle[1] - data.body(robot.root).xpos[1], hip[2]])
             ankles.append(ankle - data.site(sole).xpos)
         reach = round(_BENT_KNEE * float(min(lengths)), 2)
@@ -138,7 +138,7 @@ _BENT_KNEE = 0.98
 
 
 def _moves(model: mujoco.MjModel, body: int) -> np.ndarray:
-    """Which dofs move a body? bool (nv,)."""
+    """The degrees of freedom that move a body, bool (nv,)."""
     above = set()
     while body:
         above.add(body)
@@ -147,7 +147,7 @@ def _moves(model: mujoco.MjModel, body: int) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a x b of vectors (..., 3); NumPy's own is several times slower on small batches."""
+    """The product a x b of vectors (..., 3); NumPy's own is several times slower on small batches."""
     a, b = np.broadcast_arrays(a, b)
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]

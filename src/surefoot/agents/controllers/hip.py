@@ -9,7 +9,8 @@ from surefoot.agents.controllers.controller import State
 from surefoot.agents.controllers.inverse_dynamics import ATTITUDE_GAINS, Motion, clip_to_support
 
 BEFORE = 0.03
-"""The throw begins so far inside the support [m]: it has to bring the capture point back in, not to hold it outside."""
+"""Distance from the border of the support at which the throw begins [m]: it has to bring the capture point back in, not
+to hold it outside."""
 GAIN = 3000.0
 """Angular acceleration per metre that the capture point is beyond that [rad/s^2/m]."""
 LARGEST = np.array([30.0, 80.0])
@@ -32,6 +33,7 @@ class Hip(Ankle):
     """
 
     def motion(self, state: State, ids: np.ndarray) -> Motion:
+        """The motion of a robot that stands, and a throw of its upper body where that is not enough."""
         motion = super().motion(state, ids)
         speed = state.root_angular_velocity[:, :2]
         throw = GAIN * self._beyond(state, state.capture_point)

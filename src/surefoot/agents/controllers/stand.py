@@ -17,7 +17,8 @@ class Stand:
         self._pose = robot.pose()
 
     def reset(self, ids: np.ndarray) -> None:
-        """Nothing to forget."""
+        """Forget robots `ids` (n,): nothing is remembered."""
 
     def __call__(self, state: State, ids: np.ndarray) -> Command:
+        """Answer the robot's default pose for each of the robots `ids` (n,)."""
         return Command(np.tile(self._pose, (len(ids), 1)))

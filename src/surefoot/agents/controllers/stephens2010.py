@@ -51,6 +51,7 @@ class SteppingMPC(Stepping):
         self.missed = np.zeros(num_robots)
 
     def plan(self, situation: Situation) -> Plan:
+        """Plan anew where it is due, and go on with the last plan elsewhere."""
         s, ids = situation, situation.ids
         due = np.rint(s.clock * self.rate_hz).astype(int) % REPLAN_STEPS == 0
         steps_left = np.maximum(np.rint((DURATION_S - s.clock) / STEP_S).astype(int), 1)

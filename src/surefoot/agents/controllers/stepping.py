@@ -14,37 +14,37 @@ from surefoot.agents.controllers.inverse_dynamics import Motion, clip_to_support
 from surefoot.robots import Robot
 
 INSET = 0.02
-"""On one foot the pressure centre stays so far inside the sole's border [m]."""
+"""Distance of the pressure centre from the sole's border while the robot stands on one foot, at least [m]."""
 RESTORE = 0.6
-"""By how much the pressure centre goes inward for a foot that has tipped [m/rad]."""
+"""Distance by which the pressure centre goes inward under a foot that has tipped, per angle [m/rad]."""
 COMMITTED_S = 0.10
-"""The time of landing is not moved any more when it is so near [s]."""
+"""The time of landing is fixed from so many seconds before it on [s]."""
 OUTSIDE = 0.01
-"""A step begins when the capture point is so far outside the soles [m]."""
+"""A step begins when the capture point is farther than this outside the soles [m]."""
 CLEARANCE = 0.06
-"""How high a foot swings [m]."""
+"""Height to which a foot swings [m]."""
 SWING_SPEED = 3.0
 """A foot is moved no faster than this, on average [m/s]."""
 BEYOND = 0.04
-"""A foothold is so far beyond the capture point [m]: landing takes time."""
+"""Distance of a foothold beyond the capture point [m], because landing takes time."""
 BESIDE = 0.26
-"""A step in place lands so far beside the other foot [m]."""
+"""Distance beside the other foot at which a step in place lands [m]."""
 FORWARD, APART = (-0.65, 0.70), (0.21, 0.75)
 """Where a foot may land from the other one: forward, and outward to its own side [m]."""
 LANDING_FORCE = 40.0
 """A swinging foot that carries more than this has landed [N]."""
 LOWER = 0.03
-"""So far the CoM is lowered for steps [m]."""
+"""Distance by which the CoM is lowered for steps [m]."""
 SHORTEST_S = 0.06
 """The swing law aims at the landing in no less than this: its gains are bounded by it [s]."""
 BEARING_FORCE, HANGING = 5.0, 0.005
 """While the robot stands, a foot with less force than this that is higher than this above the other hangs [N, m]."""
 NEAR_FORWARD, NEAR_APART = (-0.40, 0.40), (0.22, 0.45)
-"""A hanging foot is put down so near to the other one: forward, and outward to its own side [m]."""
+"""Where a hanging foot is put down from the other one: forward, and outward to its own side [m]."""
 AHEAD_S, SMOOTHING = 0.06, 0.3
-"""How far ahead the capture point is looked at sideways [s], and the share of its newest speed in the filtered one."""
+"""Time over which the capture point is extrapolated sideways [s], and share of its newest speed in the filtered one."""
 QUIET_S = 0.5
-"""For so long after a landing it is not [s]: then its speed is the landing's own."""
+"""It is not extrapolated within this time after a landing, when its speed is that of the landing itself [s]."""
 NONE = -1
 _OUTWARD = np.array([1.0, -1.0])
 
@@ -119,6 +119,7 @@ class Stepping(Ankle, ABC):
         """Where and when the swinging foot lands."""
 
     def motion(self, state: State, ids: np.ndarray) -> Motion:
+        """The motion of robots that stand, and of those that step as `plan` says."""
         self._land(state, ids)
         motion = self._stand(state, ids)
         self._start(state, ids)

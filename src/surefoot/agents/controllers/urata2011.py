@@ -32,6 +32,7 @@ class FootPlacement(Stepping):
     """
 
     def plan(self, situation: Situation) -> Plan:
+        """Choose the best of the candidate times, and the foothold that belongs to it."""
         s = situation
         half = self.robot.sole_half_size - INSET
         times = np.where(np.isnan(s.committed[:, None]), TIMES, s.committed[:, None])

@@ -21,7 +21,9 @@ in the middle."""
 
 
 class TrajectoryFreeMPC(Ankle):
-    """P.-B. Wieber 2006, Trajectory free linear model predictive control for stable walking in the presence of strong
+    """Model predictive control of the CoM without a reference.
+
+    P.-B. Wieber 2006, Trajectory free linear model predictive control for stable walking in the presence of strong
     perturbations (Humanoids).
 
     min over the jerk of the CoM, sum of jerk^2, with the pressure centre inside the support over the whole horizon; one
@@ -42,10 +44,12 @@ class TrajectoryFreeMPC(Ankle):
         self.acceleration = np.zeros((num_robots, 2))
 
     def reset(self, ids: np.ndarray) -> None:
+        """Forget robots `ids` (n,): the next plan begins without an acceleration."""
         super().reset(ids)
         self.acceleration[ids] = 0.0
 
     def pressure(self, state: State, ids: np.ndarray) -> np.ndarray:
+        """Pressure centre (n, 2) [m] of the last plan at this time, inside the support."""
         due = np.rint(state.time * self.rate_hz).astype(int) % REPLAN_STEPS == 0
         if due.any():
             self._plan(state[due], ids[due])

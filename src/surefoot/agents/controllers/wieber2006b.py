@@ -27,6 +27,7 @@ class ReferenceAdaptation(Ankle):
     """
 
     def pressure(self, state: State, ids: np.ndarray) -> np.ndarray:
+        """Pressure centre (n, 2) [m] with which the best way to rest begins, inside the support."""
         soles = state.sole_position[..., :2]
         center = soles.mean(axis=1)
         com, speed = state.com_position[:, :2] - center, state.com_velocity[:, :2]
