@@ -7,17 +7,19 @@ import time
 
 import numpy as np
 import pytest
-from conftest import driven_loop
+from conftest import TIPTOE, driven_loop, pushed
 
-from surefoot.agents.controllers import controller_digest, load_controller
+from surefoot.agents.controllers import controller_digest, load_controller, shipped_controllers
+from surefoot.agents.controllers.body import Body, Legs
 from surefoot.agents.controllers.controller import ControllerAgent
 from surefoot.agents.load import load_agent, load_policy, usual_robot
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import network_bytes
 from surefoot.errors import UserError
+from surefoot.evaluation.trials import run_list
 from surefoot.physics.step_record import StepRecord
-from surefoot.robots import Robot
+from surefoot.robots import Robot, load_robot
 from surefoot.task import observation
 from surefoot.task.agent import Command, Inputs
 from surefoot.task.contract import Contract
@@ -139,6 +141,28 @@ def test_an_agent_with_wishes_that_the_loop_cannot_meet_is_refused(robot: Robot,
     with pytest.raises(UserError) as error:
         driven_loop(agent)
     assert str(error.value) == message
+
+
+@pytest.mark.parametrize("name", ["nominal", *shipped_controllers()])
+def test_every_controller_stands_on_a_robot_that_it_was_not_made_for(name: str) -> None:
+    tiptoe = load_robot(TIPTOE)
+    agent = load_agent(name, tiptoe)
+    # 0.02 Ns/kg: a push that moves the CoM by 2 cm/s.
+    trial = dataclasses.replace(pushed(0.02 * tiptoe.mass, 0), horizon=2.0, quiet_from=1.0)
+    outcome = run_list(agent, [trial], num_slots=1, num_threads=1)[trial]
+    assert (outcome.reason, agent.failures) == ("recovered", {})
+
+
+def test_the_lengths_of_the_legs_are_measured_on_the_model(robot: Robot) -> None:
+    legs = Legs.of(robot)
+    # valkyrie.xml: hip pitch 0.1853 + 0.0609 below the root, in the plane of the ankle at 0.1377; the sole's centre is
+    # 0.045 ahead of the ankle and 0.088 below it; 0.98 of the 0.8381 from hip to ankle.
+    np.testing.assert_allclose(legs.hips, [[0.0, 0.1377, -0.2462], [0.0, -0.1377, -0.2462]])
+    np.testing.assert_allclose(legs.ankles, [[-0.045, 0.0, 0.088]] * 2)
+    assert legs.reach == 0.82
+    assert Body(robot, 1).torso_joint == robot.joint_names.index("torso_pitch")
+    tiptoe = load_robot(TIPTOE)
+    assert Body(tiptoe, 1).torso_joint is None  # its waist only yaws
 
 
 # Failing.
