@@ -13,7 +13,7 @@ from surefoot.agents.load import shipped_policies
 from surefoot.agents.policy_file import network_bytes
 from surefoot.cli.evaluate import chosen_scenarios
 from surefoot.cli.main import COMMANDS
-from surefoot.robots import load_robot
+from surefoot.robots import Robot, load_robot
 from surefoot.task.contract import Contract
 
 
@@ -121,12 +121,14 @@ def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard
     assert num_rows >= sum(8 * (impulse / 6.0 - 1) + 40 for impulse in four)
 
 
-def test_directions_are_those_of_the_root_pushes_and_a_files_own_stay_as_they_stand(tmp_path: Path) -> None:
-    (paper,) = (scenario for scenario in chosen_scenarios("paper", 16) if scenario.name == "root_push")
+def test_directions_are_those_of_the_root_pushes_and_a_files_own_stay_as_they_stand(
+    robot: Robot, tmp_path: Path
+) -> None:
+    (paper,) = (scenario for scenario in chosen_scenarios("paper", 16, robot) if scenario.name == "root_push")
     assert paper.directions == 16
-    assert [scenario.directions for scenario in chosen_scenarios("push", 8)] == [8]
+    assert [scenario.directions for scenario in chosen_scenarios("push", 8, robot)] == [8]
     (tmp_path / "s.toml").write_text('[[scenario]]\nname = "root_push"\nlatency = 0.02\n')
-    (own,) = chosen_scenarios(str(tmp_path / "s.toml"), 16)
+    (own,) = chosen_scenarios(str(tmp_path / "s.toml"), 16, robot)
     assert (own.latency, own.directions) == (0.02, 4)
 
 

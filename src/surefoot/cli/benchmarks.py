@@ -188,11 +188,11 @@ def live_page(num_robots: int, seconds: float) -> dict[str, float]:
 
 def standing_network() -> NetworkAgent:
     """A new network of the paper's size that holds the nominal pose: as fast as any trained one."""
+    from surefoot.agents.load import usual_robot
     from surefoot.agents.policy_file import network_bytes
-    from surefoot.robots import load_robot
     from surefoot.task.contract import Contract
 
-    robot = load_robot()
+    robot = usual_robot()
     sizes = [len(observation.component_names(robot)), 100, 50, 25, robot.num_joints]
     layers = [(np.zeros((o, i)), np.zeros(o)) for i, o in zip(sizes[:-1], sizes[1:], strict=True)]
     contract = Contract.of(robot, next(iter(robot.poses)), 1.0)

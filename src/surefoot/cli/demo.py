@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from surefoot.cli.evaluate import chosen_scenarios, evaluate_policy
+from surefoot.cli.evaluate import chosen_scenarios, evaluate_agent
 from surefoot.cli.report import Pictures
 from surefoot.cli.train import Train
 
@@ -29,12 +29,15 @@ class Demo:
     """Seed of everything random."""
 
     def main(self) -> None:
+        from surefoot.agents.load import load_agent
+
         mark = self.out / DEMO_MARK
         if mark.exists():  # an earlier demo's folder; nothing else is ever removed
             for file in self.out.iterdir():
                 file.unlink()
         Train(algorithm=self.algorithm, preset="fast", run=self.out, minutes=self.minutes, seed=self.seed).main()
         mark.touch()
-        pushes = chosen_scenarios("push", 4)
-        evaluate_policy(str(self.out), pushes, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
+        agent = load_agent(str(self.out))
+        pushes = chosen_scenarios("push", 4, agent.robot)
+        evaluate_agent(agent, pushes, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
         Pictures(self.out / "thresholds.csv", self.out, str(self.out), self.out).main()

@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from surefoot.cli.terminal import evaluation_bar, results_console, write_json
+from surefoot.cli.terminal import chosen_robot, evaluation_bar, results_console, write_json
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
@@ -32,10 +32,13 @@ class Evaluate:
     impedance alone. A controller: controllers/NAME (docs/controllers.md), or FILE.py:CLASS of your own
     (docs/your-controller.md)."""
     suite: str = "push"
-    """push (pushes at the floating body, such as the pelvis), paper (everything that the paper tests), robustness
+    """push (pushes at the floating body, the robot's root), paper (everything that the paper tests), robustness
     (beyond the paper), or a scenario file (.toml, docs/scenarios.md)."""
     directions: int = 4
     """Number of directions of these pushes, evenly spaced."""
+    robot: str = ""
+    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, docs/robot.md); the
+    shipped policies' robot without it."""
     results: Path = Path("results.sqlite")
     """Results table (SQLite); trials that are in it already are not run again."""
     json: str | None = None
@@ -46,6 +49,7 @@ class Evaluate:
     """Write all thresholds of the results table to this .csv or .parquet file."""
 
     def main(self) -> None:
+        from surefoot.agents.load import load_agent
         from surefoot.evaluation.results import Results
         from surefoot.evaluation.results_export import check_export
 
@@ -54,23 +58,24 @@ class Evaluate:
         for file in (self.export, self.export_thresholds):
             if file:
                 check_export(file)
-        scenarios = chosen_scenarios(self.suite, self.directions)
+        agent = load_agent(self.policy, chosen_robot(self.robot))
+        scenarios = chosen_scenarios(self.suite, self.directions, agent.robot)
         output = results_console(self.json)
-        figures = evaluate_policy(self.policy, scenarios, self.results, output, self.export_thresholds)
+        metrics = evaluate_agent(agent, scenarios, self.results, output, self.export_thresholds)
         if self.export:
             with Results(self.results) as results:
                 results.export("trials", self.export)
         if self.json:
-            write_json(figures, self.json)
+            write_json(metrics, self.json)
 
 
-def evaluate_policy(
-    name: str, scenarios: Sequence[Scenario], path: Path, output: Console, export: Path | None = None
+def evaluate_agent(
+    agent: Agent, scenarios: Sequence[Scenario], path: Path, output: Console, export: Path | None = None
 ) -> dict[str, float]:
-    """Run, print and keep some scenarios of one policy.
+    """Run, print and keep some scenarios of one agent.
 
     Args:
-        name: of the policy, as a user gives it.
+        agent: a policy or a controller.
         scenarios: what is run.
         path: of the results table.
         output: where the tables are printed.
@@ -80,14 +85,12 @@ def evaluate_policy(
         Its metrics.
     """
     from surefoot.agents.controllers.controller import ControllerAgent
-    from surefoot.agents.load import load_agent
     from surefoot.evaluation.evaluate import evaluate_and_store
     from surefoot.evaluation.results import Results, key_of
     from surefoot.evaluation.step_timing import measure
     from surefoot.report.metrics import flat_metrics
     from surefoot.report.timing_table import timing_metrics
 
-    agent = load_agent(name)
     robot, pose = agent.robot, np.array(agent.contract.nominal_pose)
     with Results(path) as results:
         with evaluation_bar(sum(len(scenario.lines()) for scenario in scenarios)) as show:
@@ -131,17 +134,16 @@ def _print_tables(
             output.print(table.rich())
 
 
-def chosen_scenarios(suite_name: str, num_directions: int) -> list[Scenario]:
-    """The scenarios of a suite, with so many directions of the pushes at the floating body.
+def chosen_scenarios(suite_name: str, num_directions: int, robot: Robot) -> list[Scenario]:
+    """The scenarios of a suite for a robot, with so many directions of the pushes at the floating body.
 
     Raises:
         UserError: there is no such suite.
     """
     from surefoot.evaluation.scenario_file import suite
     from surefoot.evaluation.scenarios import Scenario
-    from surefoot.robots import load_robot
 
     root = Scenario("root_push", directions=num_directions)
     if suite_name == "push":
         return [root]
-    return [root if scenario == Scenario("root_push") else scenario for scenario in suite(suite_name, load_robot())]
+    return [root if scenario == Scenario("root_push") else scenario for scenario in suite(suite_name, robot)]

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from surefoot.cli.terminal import console
+from surefoot.cli.terminal import chosen_robot, console
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,8 @@ class Play:
     policy: Annotated[str, tyro.conf.Positional] = "best"
     """A shipped policy's name, a policy file (.onnx), "nominal", or a run folder: its newest checkpoint is followed
     while it learns."""
+    robot: str = ""
+    """The robot of "nominal": a shipped robot's name, or a description (.toml); the shipped policies' without it."""
     robots: int = 1
     """1 to 64 robots under the same push."""
     port: int = 8080
@@ -35,7 +37,7 @@ class Play:
         from surefoot.viewer.page import Page
         from surefoot.viewer.source import PolicySource
 
-        page = Page(PolicySource(self.policy), self.robots, self.host, self.port, self.runs)
+        page = Page(PolicySource(self.policy, chosen_robot(self.robot)), self.robots, self.host, self.port, self.runs)
         console.print(f"push it at {page.address} (Ctrl-C ends)", soft_wrap=True)
         if self.open:
             webbrowser.open(page.address)

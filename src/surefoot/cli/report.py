@@ -65,18 +65,18 @@ class Table:
     """As Markdown instead of a drawn table."""
 
     def main(self) -> None:
+        from surefoot.agents.load import usual_robot
         from surefoot.evaluation.results_export import read_thresholds
         from surefoot.report.paper_tables import table_1
         from surefoot.report.threshold_tables import seeds_table, worst_table
-        from surefoot.robots import load_robot
 
         policies = read_thresholds(self.thresholds)
         if self.show == "seeds":
             table = seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
         elif self.show == "worst":
-            table = worst_table(policies, load_robot())
+            table = worst_table(policies, usual_robot())
         else:
-            table = table_1(policies, load_robot())
+            table = table_1(policies, usual_robot())
         if self.markdown:
             sys.stdout.write(table.markdown())
         else:

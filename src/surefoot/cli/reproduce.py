@@ -35,12 +35,12 @@ class Reproduce:
     def main(self) -> None:
         with needs_torch():
             from surefoot.cli import study as reproduce
+        from surefoot.agents.load import usual_robot
         from surefoot.evaluation.scenario_file import suite
-        from surefoot.robots import load_robot
 
         check_positive("minutes", self.minutes)
         num_seeds = reproduce.FAST_SEEDS if self.fast else reproduce.FULL_SEEDS
-        scenarios = suite(self.suite, load_robot())
+        scenarios = suite(self.suite, usual_robot())
         study = reproduce.Study(self.out, num_seeds, self.minutes, self.preset, scenarios=scenarios)
         try:
             self._run(study)

@@ -10,10 +10,18 @@ from surefoot.errors import UserError
 
 if TYPE_CHECKING:
     from surefoot.evaluation.trials import Trial
+    from surefoot.robots import Robot
 
 
-def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
-    """The full-length trial of a scenario; `size` is on the grid of what it searches, and means nothing if it does not.
+def scenario_trial(robot: Robot, name: str, direction: str, size: float, seed: int) -> Trial:
+    """The full-length trial of a robot in a scenario.
+
+    Args:
+        robot: whose trial it is.
+        name: of the scenario, or FILE.toml:NAME.
+        direction: of one of its lines.
+        size: on the grid of what it searches; it means nothing if the scenario searches nothing.
+        seed: of the trial.
 
     Raises:
         UserError: there is no such scenario, direction, size or seed.
@@ -22,9 +30,7 @@ def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
     from surefoot.evaluation.scenario_file import suite
     from surefoot.evaluation.scenarios import canonical_name
     from surefoot.evaluation.suites import SUITES
-    from surefoot.robots import load_robot
 
-    robot = load_robot()
     file, _, key = name.rpartition(":")
     among = suite(file, robot) if file else [scenario for scenarios in SUITES.values() for scenario in scenarios]
     scenarios = {scenario.name: scenario for scenario in among}
@@ -48,7 +54,7 @@ def scenario_trial(name: str, direction: str, size: float, seed: int) -> Trial:
     return line.trial(cell, seed, full_length=True)
 
 
-def push_trial(body: str, direction: str, impulse: float, duration: float, seed: int) -> Trial:
+def push_trial(robot: Robot, body: str, direction: str, impulse: float, duration: float, seed: int) -> Trial:
     """The trial of one push.
 
     Raises:
@@ -57,9 +63,8 @@ def push_trial(body: str, direction: str, impulse: float, duration: float, seed:
     from surefoot.evaluation.scenarios import angle_deg
     from surefoot.evaluation.trials import Trial
     from surefoot.physics.pushes import horizontal_push
-    from surefoot.robots import load_robot
 
-    load_robot().body_id(body)
+    robot.body_id(body)
     angle = angle_deg(direction)
     for name, value in (("impulse", impulse), ("duration", duration)):
         if not (np.isfinite(value) and value > 0):

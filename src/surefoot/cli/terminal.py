@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
@@ -15,8 +16,22 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from surefoot.errors import UserError
 
+if TYPE_CHECKING:
+    from surefoot.robots import Robot
+
 console = Console(stderr=True)
 """Everything but the results goes to standard error."""
+
+
+def chosen_robot(name: str) -> Robot | None:
+    """The robot that a user names by `--robot`; none without a name.
+
+    Raises:
+        UserError: there is no such robot, or its description cannot be read.
+    """
+    from surefoot.robots import load_robot
+
+    return load_robot(name) if name else None
 
 
 @contextlib.contextmanager

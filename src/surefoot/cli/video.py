@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from surefoot.cli.shown_trial import push_trial, scenario_trial
-from surefoot.cli.terminal import console
+from surefoot.cli.terminal import chosen_robot, console
 
 if TYPE_CHECKING:
     from surefoot.evaluation.trials import Trial
+    from surefoot.robots import Robot
     from surefoot.task.agent import Agent
+
+USUAL_IMPULSE = 20
+"""Steps of the robot's grid of impulses of a push whose size is not given."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +25,15 @@ class _Shown:
     """Whose trial is shown, and which."""
 
     policy: Annotated[str, tyro.conf.Positional] = "best"
-    """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal"."""
+    """A shipped policy's name, a policy file (.onnx), a run folder, "nominal", or a controller."""
+    robot: str = ""
+    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml); the shipped
+    policies' robot without it."""
     out: Path = Path("push")
     """The file."""
     body: str = "root"
-    """Who is pushed: root, torso, left_thigh, right_thigh, left_shank or right_shank."""
+    """What is pushed: the floating body, or another one of the robot's pushable bodies; a wrong name is answered with
+    the valid ones."""
     direction: str = "forward"
     """forward, left, backward, right, or degrees from forward to the left."""
     scenario: str = ""
@@ -36,11 +44,19 @@ class _Shown:
     seed: int = 0
     """Of the start angles."""
 
-    def trial(self, size: float) -> Trial:
-        """A scenario's trial, or a push of `size` [Ns]."""
+    def agent(self) -> Agent:
+        """Who is shown."""
+        from surefoot.agents.load import load_agent
+
+        return load_agent(self.policy, chosen_robot(self.robot))
+
+    def trial(self, robot: Robot, size: float | None) -> Trial:
+        """A scenario's trial, or a push of `size` [Ns], without it of `USUAL_IMPULSE`."""
+        if size is None:
+            size = USUAL_IMPULSE * robot.impulse_step
         if self.scenario:
-            return scenario_trial(self.scenario, self.direction, size, self.seed)
-        return push_trial(self.body, self.direction, size, self.duration, self.seed)
+            return scenario_trial(robot, self.scenario, self.direction, size, self.seed)
+        return push_trial(robot, self.body, self.direction, size, self.duration, self.seed)
 
 
 @dataclass(frozen=True)
@@ -49,8 +65,9 @@ class Video(_Shown):
 
     out: Path = Path("push.mp4")
     """The film: .mp4 or .gif."""
-    impulse: float = 120.0
-    """Force x duration [Ns]; with --scenario the size of what it searches: Ns, m or degrees."""
+    impulse: float | None = None
+    """Force x duration [Ns]; 20 steps of the robot's grid of impulses without it; with --scenario the size of what it
+    searches: Ns, m or degrees."""
     begin: float = -0.5
     """Where the film begins, in seconds from the push."""
     end: float = 6.0
@@ -68,9 +85,10 @@ class Video(_Shown):
         from surefoot.rendering.recording import record
 
         check_film(self.out, self.size)
-        trial = self.trial(self.impulse)
+        agent = self.agent()
+        trial = self.trial(agent.robot, self.impulse)
         with console.status(f"filming {self.out}"):
-            recording = record(named_policy(self.policy), trial)
+            recording = record(agent, trial)
             save_video(self.out, recording, self.fps, self.size, begin=self.begin, end=self.end, speed=self.speed)
         console.print(f"film: {self.out} ({recording.outcome.reason})", soft_wrap=True)
 
@@ -81,8 +99,9 @@ class Picture(_Shown):
 
     out: Path = Path("push.png")
     """The picture: .png or .jpg."""
-    impulse: tuple[float, ...] = (120.0,)
-    """Force x duration [Ns], one or more; with --scenario sizes of what it searches: Ns, m or degrees."""
+    impulse: tuple[float, ...] = ()
+    """Force x duration [Ns], one or more; 20 steps of the robot's grid of impulses without it; with --scenario sizes of
+    what it searches: Ns, m or degrees."""
     times: tuple[float, ...] = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
     """Seconds from the push; a single time of a single impulse gives a picture without a margin."""
     size: tuple[int, int] = (260, 320)
@@ -96,9 +115,10 @@ class Picture(_Shown):
         from surefoot.rendering.strip import filmstrip
 
         check_picture(self.out)
-        trials = [self.trial(size) for size in self.impulse]
+        agent = self.agent()
+        trials = [self.trial(agent.robot, size) for size in self.impulse or (None,)]
         with console.status(f"drawing {self.out}"):
-            recordings = [record(named_policy(self.policy), trial) for trial in trials]
+            recordings = [record(agent, trial) for trial in trials]
             if len(recordings) == len(self.times) == 1:
                 with Renderer(recordings[0].robot, *self.size, trials[0].domain) as scene:
                     image = draw_moment(scene, trials[0], recordings[0].at(self.times[0]))
@@ -106,10 +126,3 @@ class Picture(_Shown):
                 image = filmstrip(recordings, self.times, self.size)
             save_picture(self.out, image)
         console.print(f"picture: {self.out} ({', '.join(r.outcome.reason for r in recordings)})", soft_wrap=True)
-
-
-def named_policy(name: str) -> Agent:
-    """A policy or controller as a user names it."""
-    from surefoot.agents.load import load_agent
-
-    return load_agent(name)

@@ -123,7 +123,7 @@ class Page:
         """Go on with another policy; one that cannot be had is reported, and the old one goes on."""
 
         def change(session: Session) -> None:
-            source = PolicySource(name)
+            source = PolicySource(name, session.robot)
             session.set_policy(source.policy)
             self.source = source
             self.tell(f"{source.policy.name}: {source.description}", "policy")

@@ -8,6 +8,7 @@ from surefoot.agents.load import BEST, NOMINAL, is_controller, load_agent, load_
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import SUFFIX
 from surefoot.errors import UserError
+from surefoot.robots import Robot
 from surefoot.task.agent import Agent
 
 _CHECKPOINTS = (f"last{SUFFIX}", f"best{SUFFIX}")
@@ -19,6 +20,8 @@ class PolicySource:
 
     Args:
         name: as a user gives it.
+        robot: whose nominal pose is meant, and whose policies are accepted; the shipped policies' robot, and any,
+            without it.
 
     Attributes:
         policy: the newest; the nominal pose while a run has none yet.
@@ -28,7 +31,8 @@ class PolicySource:
         UserError: there is no such policy, or it cannot be run.
     """
 
-    def __init__(self, name: str):
+    def __init__(self, name: str, robot: Robot | None = None):
+        self._robot = robot
         self.name = name = BEST.get(name, name)
         self.is_waiting = False
         is_known = name == NOMINAL or name in shipped_policies() or is_controller(name)
@@ -80,12 +84,14 @@ class PolicySource:
 
     def _load(self) -> Agent:
         if self.name == NOMINAL or is_controller(self.name):
-            return load_agent(self.name)
+            return load_agent(self.name, self._robot)
         file = self._file()
         self.is_waiting = file is None and self._path is not None and (self._path / "config.json").exists()
         if self.is_waiting:
-            return NominalAgent(usual_robot())
+            return NominalAgent(self._robot or usual_robot())
         policy = load_policy(file or self.name)
+        if self._robot and policy.robot.fingerprint != self._robot.fingerprint:
+            raise UserError(f"{self.name} is a policy for {policy.robot.name}, not for {self._robot.name}")
         if file and self._path and self._path.is_dir():
             policy.name = self._path.name
         return policy
@@ -97,10 +103,3 @@ def offered_policies(runs: Path, *more: str) -> tuple[str, ...]:
     if runs.is_dir():
         folders = sorted(str(path) for path in runs.iterdir() if (path / "config.json").exists())
     return tuple(dict.fromkeys([*shipped_policies(), NOMINAL, *folders, *more]))
-
-
-def check_offered(name: str) -> PolicySource:
-    """The source of that name; an empty name is refused like any other that is none."""
-    if not name.strip():
-        raise UserError("no policy given; valid: a shipped policy's name, a policy file, a run folder")
-    return PolicySource(name.strip())
