@@ -57,7 +57,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
             ["evaluate", "nominal", "--export", "t.xls"],
             "surefoot: unknown format '.xls' of t.xls; valid: .csv, .parquet",
         ),
-        (["evaluate", "other.onnx"], "surefoot: unknown robot 'atlas'; valid: valkyrie"),
+        (["evaluate", "other.onnx"], "surefoot: unknown robot 'atlas'; valid: valkyrie, or a description (.toml)"),
         (["play", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
         (["play", "--robots", "65", "--port", "0"], "surefoot: the number of robots must be 1 to 64, not 65"),
         (["video", "--out", "film.avi"], "surefoot: cannot write 'film.avi': unknown suffix '.avi'; valid: .mp4, .gif"),
@@ -73,7 +73,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         (["picture", "--duration", "nan"], "surefoot: duration must be a positive number, not nan"),
         (
             ["picture", "--body", "nose"],
-            "surefoot: unknown body 'nose' of valkyrie; valid: root, torso, left_thigh, right_thigh, left_shank, "
+            "surefoot: unknown body 'nose' of valkyrie; valid: root, pelvis, torso, left_thigh, right_thigh, left_shank, "
             "right_shank",
         ),
         (
@@ -83,7 +83,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         (
             ["evaluate", "nominal", "--suite", "knee.toml"],
             "surefoot: knee.toml, scenario 1 (kick): unknown body 'knee' of valkyrie; "
-            "valid: root, torso, left_thigh, right_thigh, left_shank, right_shank",
+            "valid: root, pelvis, torso, left_thigh, right_thigh, left_shank, right_shank",
         ),
         (["bench", "--seconds", "inf"], "surefoot: seconds must be a positive number, not inf"),
     ],

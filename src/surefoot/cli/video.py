@@ -52,8 +52,10 @@ class _Shown:
 
     def trial(self, robot: Robot, size: float | None) -> Trial:
         """A scenario's trial, or a push of `size` [Ns], without it of `USUAL_IMPULSE`."""
+        from surefoot.evaluation.protocol import protocol_for
+
         if size is None:
-            size = USUAL_IMPULSE * robot.impulse_step
+            size = USUAL_IMPULSE * protocol_for(robot).impulse_step
         if self.scenario:
             return scenario_trial(robot, self.scenario, self.direction, size, self.seed)
         return push_trial(robot, self.body, self.direction, size, self.duration, self.seed)

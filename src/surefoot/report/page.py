@@ -11,7 +11,7 @@ import jinja2
 
 import surefoot
 from surefoot.errors import UserError
-from surefoot.evaluation.protocol import PROTOCOL
+from surefoot.evaluation.protocol import protocol_for
 from surefoot.evaluation.replay import check_setup, find_policy
 from surefoot.report import paper
 from surefoot.report.evaluations import Evaluation, read_evaluations
@@ -93,7 +93,7 @@ class Report:
             best=best,
             root=root_words(best.robot),
             cards=headline(best),
-            protocol=PROTOCOL,
+            protocol=protocol_for(best.robot),
             version=surefoot.__version__,
         )
 
