@@ -4,14 +4,10 @@ from __future__ import annotations
 
 POLICY_HZ = 25
 
-
 CONTROL_HZ = 500
-
 
 TICKS_PER_STEP = CONTROL_HZ // POLICY_HZ
 
-
 POLICY_DT = 1.0 / POLICY_HZ
-
 
 CONTROL_DT = 1.0 / CONTROL_HZ

@@ -19,14 +19,10 @@ from surefoot.robots.domain import DomainParameters
 from surefoot.task.imperfections import Imperfections
 
 DIRECTIONS = {"forward": 0.0, "left": 0.5 * np.pi, "backward": np.pi, "right": 1.5 * np.pi}
-
-
 """Angles in the horizontal plane [rad], counter-clockwise from +x."""
-
 
 ROOT = "root"
 """The word for the floating body of any robot, in code and in results; people read the robot's own word for it."""
-
 
 OLD_KEYS = {
     "calm_from": "quiet_from",
@@ -35,7 +31,6 @@ OLD_KEYS = {
     "gap": "push_interval",
 }
 """Keys of scenario files until version 0.1, and what they are called now."""
-
 
 UNITS = {"impulse": "Ns", "height": "m", "tilt": "deg"}
 """What can be searched, and its unit."""

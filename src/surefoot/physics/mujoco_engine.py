@@ -27,7 +27,6 @@ _DIVERGENCE_WARNINGS = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.m
 _TOUCH = 1e-6
 """A robot is put down so deep [m]: with soles at exactly zero, rounding would decide whether they touch."""
 
-
 ENGINE_NAME = f"mujoco {mujoco.__version__}"
 """The engine and its version, which every result is kept with."""
 
