@@ -73,8 +73,8 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         (["picture", "--duration", "nan"], "surefoot: duration must be a positive number, not nan"),
         (
             ["picture", "--body", "nose"],
-            "surefoot: unknown body 'nose' of valkyrie; valid: root, pelvis, torso, left_thigh, right_thigh, left_shank, "
-            "right_shank",
+            "surefoot: unknown body 'nose' of valkyrie; "
+            "valid: root, pelvis, torso, left_thigh, right_thigh, left_shank, right_shank",
         ),
         (
             ["evaluate", "nominal", "--suite", "papr"],

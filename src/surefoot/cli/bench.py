@@ -17,6 +17,7 @@ class Bench:
     """Write the figures as one flat JSON object to this file; - for standard output."""
 
     def main(self) -> None:
+        """Measure, print and write."""
         check_positive("seconds", self.seconds)
         with needs_torch():
             import torch  # noqa: F401

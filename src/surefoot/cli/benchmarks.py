@@ -98,7 +98,7 @@ def learning_over_environment(seconds: float) -> dict[str, float]:
     inside = 0.0
     step = env.step
 
-    def timed_step(actions: np.ndarray):
+    def timed_step(actions: np.ndarray) -> Any:
         nonlocal inside
         began = time.perf_counter()
         result = step(actions)

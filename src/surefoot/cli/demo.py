@@ -29,6 +29,7 @@ class Demo:
     """Seed of everything random."""
 
     def main(self) -> None:
+        """Learn, evaluate and draw."""
         from surefoot.agents.load import load_agent
 
         mark = self.out / DEMO_MARK

@@ -49,6 +49,7 @@ class Evaluate:
     """Write all thresholds of the results table to this .csv or .parquet file."""
 
     def main(self) -> None:
+        """Evaluate, print and write."""
         from surefoot.agents.load import load_agent
         from surefoot.evaluation.results import Results
         from surefoot.evaluation.results_export import check_export

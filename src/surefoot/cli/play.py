@@ -34,6 +34,7 @@ class Play:
     """Open the page in this machine's browser."""
 
     def main(self) -> None:
+        """Serve the page until Ctrl-C."""
         from surefoot.viewer.page import Page
         from surefoot.viewer.source import PolicySource
 

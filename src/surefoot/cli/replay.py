@@ -36,6 +36,7 @@ class Replay:
     """Film strip of the trial, .png or .jpg."""
 
     def main(self) -> None:
+        """Run the trial again, and exit with code 1 if anything differs."""
         from surefoot.evaluation import replay
         from surefoot.evaluation.results import open_results
 

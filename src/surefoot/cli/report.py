@@ -36,6 +36,7 @@ class Report:
     """Run the trials again that are drawn."""
 
     def main(self) -> None:
+        """Write the page."""
         from surefoot.learning.curve import read_curves
         from surefoot.report.page import make_report
 
@@ -65,6 +66,7 @@ class Table:
     """As Markdown instead of a drawn table."""
 
     def main(self) -> None:
+        """Print the table."""
         from surefoot.agents.load import usual_robot
         from surefoot.evaluation.results_export import read_thresholds
         from surefoot.report.paper_tables import table_1
@@ -97,6 +99,7 @@ class Pictures:
     """Folder for the pictures."""
 
     def main(self) -> None:
+        """Draw the pictures."""
         from surefoot.agents.load import load_policy
         from surefoot.evaluation.results_export import read_thresholds
         from surefoot.learning.curve import read_curves

@@ -33,6 +33,7 @@ class Reproduce:
     """Folder for run folders, results table and page."""
 
     def main(self) -> None:
+        """Do what is left of the study."""
         with needs_torch():
             from surefoot.cli import study as reproduce
         from surefoot.agents.load import usual_robot

@@ -50,6 +50,7 @@ class Study:
 
     @property
     def results(self) -> Path:
+        """The results table of all evaluations."""
         return self.out / "results.sqlite"
 
     def runs(self) -> list[Run]:
@@ -75,6 +76,7 @@ class Run:
 
     @property
     def is_trained(self) -> bool:
+        """Has the training come to its end?"""
         return (self.folder / _TRAINED).exists()
 
     @property
@@ -125,6 +127,7 @@ def seconds_left(runs: Sequence[Run], measured: Iterable[float] = ()) -> float:
     """Time that the stages which are not done yet will take [s].
 
     Args:
+        runs: of the study.
         measured: time of the evaluations so far [s].
     """
     known = list(measured)

@@ -6,7 +6,7 @@ import contextlib
 import json
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,9 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
+    from surefoot.evaluation.evaluate import OnProgress
+    from surefoot.evaluation.scenarios import Line
+    from surefoot.learning.schedule import Progress as TrainingProgress
     from surefoot.robots import Robot
 
 console = Console(stderr=True)
@@ -36,6 +39,7 @@ def chosen_robot(name: str) -> Robot | None:
 
 @contextlib.contextmanager
 def needs_torch() -> Iterator[None]:
+    """Turn a missing package of the extra "learn" into an error that a user can mend."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -43,13 +47,13 @@ def needs_torch() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def training_bar() -> Iterator:
+def training_bar() -> Iterator[Callable[[TrainingProgress], None]]:
     """A bar with time left, steps/s, episode length, and what the last validation rejected; it fits into 80 columns."""
     columns = (SpinnerColumn(), BarColumn(bar_width=12), TextColumn("{task.fields[says]}"))
     with Progress(*columns, console=console) as bar:
         task = bar.add_task("train", total=1.0, says="starting")
 
-        def show(progress) -> None:
+        def show(progress: TrainingProgress) -> None:
             left = progress.seconds * (1.0 - progress.share) / max(progress.share, 1e-9)
             says = (
                 f"{clock(left)} left, {progress.steps / 1000:,.0f}k steps, {progress.steps_per_s:,.0f}/s, "
@@ -63,14 +67,14 @@ def training_bar() -> Iterator:
 
 
 @contextlib.contextmanager
-def evaluation_bar(num_lines: int) -> Iterator:
+def evaluation_bar(num_lines: int) -> Iterator[OnProgress]:
     """A bar of lines done, with what is reached along each line still searched; it fits into 80 columns."""
     columns = (SpinnerColumn(), BarColumn(bar_width=12), TextColumn("{task.fields[says]}"), TimeElapsedColumn())
     with Progress(*columns, console=console) as bar:
         task = bar.add_task("evaluate", total=num_lines, says="pushing")
         before = last_done = 0
 
-        def show(num_trials: int, num_done: int, reached: list) -> None:
+        def show(num_trials: int, num_done: int, reached: Sequence[tuple[Line, float]]) -> None:
             nonlocal before, last_done
             if num_done < last_done:  # the next batch of lines has begun
                 before += last_done
@@ -88,6 +92,7 @@ def results_console(json_path: str | None) -> Console:
 
 
 def write_json(figures: dict[str, float], path: str) -> None:
+    """Write metrics as one flat JSON object to a file, or to standard output if `path` is "-"."""
     known = {key: value if math.isfinite(value) else None for key, value in figures.items()}  # JSON has no NaN
     text = json.dumps(known, indent=2) + "\n"
     if path == "-":
@@ -112,10 +117,20 @@ def clock(seconds: float) -> str:
 
 
 def check_positive(name: str, value: float | None) -> None:
+    """Check an option that must be positive if it is given.
+
+    Raises:
+        UserError: it is not.
+    """
     if value is not None and not (np.isfinite(value) and value > 0):
         raise UserError(f"{name} must be a positive number, not {value}")
 
 
 def check_not_negative(name: str, value: int) -> None:
+    """Check an option that must not be negative.
+
+    Raises:
+        UserError: it is.
+    """
     if value < 0:
         raise UserError(f"{name} must not be negative, not {value}")

@@ -82,6 +82,7 @@ class Video(_Shown):
     """Width and height in pixels."""
 
     def main(self) -> None:
+        """Film the trial."""
         from surefoot.rendering.film import save_video
         from surefoot.rendering.image_files import check_film
         from surefoot.rendering.recording import record
@@ -110,6 +111,7 @@ class Picture(_Shown):
     """Width and height of each picture in pixels."""
 
     def main(self) -> None:
+        """Draw the trials."""
         from surefoot.rendering.film import draw_moment
         from surefoot.rendering.image_files import check_picture, save_picture
         from surefoot.rendering.recording import record

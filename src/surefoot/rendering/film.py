@@ -41,7 +41,11 @@ def frames(
     """The pictures of a film, uint8 (height, width, 3), with the time and the verdict written in.
 
     Args:
-        begin, end: which part of the trial, since the beginning of the push [s].
+        recording: what is shown.
+        fps: pictures per second.
+        size: width and height [pixels].
+        begin: from where on, since the beginning of the push [s].
+        end: up to where, since the beginning of the push [s].
         speed: 0.5 for half the speed of life.
 
     Raises:
@@ -65,6 +69,9 @@ def save_video(
     """Write a film of a trial as .mp4 (H.264) or .gif.
 
     Args:
+        path: of the film.
+        recording: what is shown.
+        fps: pictures per second.
         size: width and height [pixels]; even for .mp4.
         options: `begin`, `end` and `speed` of `frames`.
 

@@ -52,6 +52,8 @@ def record(policy: Agent, trial: Trial, fps: int = 50) -> Recording:
     """Run one trial and keep what a picture shows of it.
 
     Args:
+        policy: who acts.
+        trial: what is run.
         fps: moments per second of simulated time.
 
     Raises:

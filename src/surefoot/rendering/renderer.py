@@ -86,6 +86,7 @@ class Renderer:
         """A picture, uint8 (height, width, 3).
 
         Args:
+            moment: what is shown.
             push: what the robot is pushed by from time 0 on; drawn until a little after its end. Its direction
                 chooses the view: from the side unless it is mostly lateral.
         """

@@ -28,6 +28,7 @@ def filmstrip(
     A trial that ends before the last time shows its last moment once.
 
     Args:
+        recordings: a row each.
         times: since the beginning of the push [s], one picture each.
         cell: width and height of a picture [pixels].
 

@@ -16,6 +16,8 @@ def capture_point_bound(robot: Robot, pose: str | np.ndarray, angles: Sequence[f
     """Equation (6) on this robot [Ns]: what its sole and CoM allow without a step, per direction [rad].
 
     Args:
+        robot: whose mass, sole and CoM count.
+        angles: of the directions, counter-clockwise from forward [rad].
         pose: a named pose or joint angles (num_joints,) [rad].
     """
     joints = robot.pose(pose) if isinstance(pose, str) else pose

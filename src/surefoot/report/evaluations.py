@@ -73,12 +73,13 @@ class Evaluation:
 
     @property
     def robot(self) -> Robot:
+        """The robot that was evaluated."""
         return load_robot(self.contract.robot)
 
     @property
     def algorithm(self) -> str:
         """By which it was learned; its name if it was not."""
-        return self.contract.training.get("algorithm", self.name)
+        return str(self.contract.training.get("algorithm", self.name))
 
     @property
     def has_main_directions(self) -> bool:

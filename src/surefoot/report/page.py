@@ -20,6 +20,7 @@ from surefoot.report.page_figures import Curves, comparison_figures, policy_figu
 from surefoot.report.page_tables import of_policy, side_by_side, versions_table
 from surefoot.report.table import Table
 from surefoot.report.thresholds import LATERAL, SAGITTAL, by_scenario, root_pushes, root_words, worse_of
+from surefoot.task.agent import Agent
 
 MAX_SECTIONS = 4
 """With more policies than this, only the best of each algorithm has a section of its own."""
@@ -56,10 +57,12 @@ class Section:
 
     @property
     def name(self) -> str:
+        """The policy's name."""
         return self.evaluation.name
 
     @property
     def slug(self) -> str:
+        """The section's anchor."""
         return "policy-" + "".join(c if c.isalnum() else "-" for c in self.name)
 
 
@@ -74,6 +77,7 @@ class Report:
 
     @property
     def versions(self) -> Table:
+        """Where the figures come from."""
         return versions_table(self.evaluations)
 
     def html(self) -> str:
@@ -115,6 +119,8 @@ def make_report(
     """Read results and draw them.
 
     Args:
+        files: results tables.
+        curves: learning curves, by algorithm.
         policies: files and run folders of policies that are neither shipped nor in runs/.
         run_trials: run the few single trials again that are drawn.
         on_progress: told what is being done.
@@ -175,7 +181,7 @@ def _with_section(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
     return list(best.values())
 
 
-def _policy_of(e: Evaluation, policies: Sequence[str | Path]):
+def _policy_of(e: Evaluation, policies: Sequence[str | Path]) -> Agent:
     check_setup(e.key.setup, e.name)
     for given in policies:
         try:

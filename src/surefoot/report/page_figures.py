@@ -46,6 +46,7 @@ def policy_figures(evaluation: Evaluation, policy: Agent | None) -> tuple[list[F
     """Figures of one policy, and notes on those that could not be made.
 
     Args:
+        evaluation: of the policy.
         policy: to run the drawn trials again; without it, only what needs no trial.
     """
     found = [_success_map(evaluation)] if any(evaluation.cells.values()) else []

@@ -83,6 +83,7 @@ class StudyColumn(NamedTuple):
 
     @property
     def normalised(self) -> float:
+        """The study's impulse over its robot's mass [Ns/kg]."""
         return self.impulse / self.mass
 
 

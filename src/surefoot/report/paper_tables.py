@@ -77,6 +77,8 @@ def table_3(thresholds: Sequence[Threshold], robot: Robot, steps: Mapping[str, f
     """Table III: pushes at other bodies.
 
     Args:
+        thresholds: of one policy.
+        robot: whose they are.
         steps: median number of steps by scenario, at the worst direction's threshold.
     """
     rows = []

@@ -25,6 +25,8 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
     """Table I as bars, and the rejected impulse by direction as a polar map.
 
     Args:
+        robot: whose they are.
+        folder: for the pictures.
         policies: thresholds at the root by the policy's name; the four main directions must be among them.
     """
     rows = [bar_row(name, thresholds) for name, thresholds in policies.items()]

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -58,6 +59,7 @@ def polar_map(
         thresholds: a closed curve per policy.
         bound: the capture-point bound, equation (6) of the paper.
         path: of the picture, .png, .svg or .pdf.
+        title: above the plot.
         paper: the paper's numbers, as hollow marks in the colour of the policy whose name begins alike.
 
     Raises:
@@ -133,6 +135,8 @@ def success_map(
     """Share of the trials that recovered by direction and impulse, the rejected impulse and the bound.
 
     Args:
+        thresholds: the rejected impulses.
+        path: of the picture, .png, .svg or .pdf.
         cells: of every direction; cells without trials stay blank.
         bound: the capture-point bound, equation (6) of the paper.
     """
@@ -164,7 +168,7 @@ def _draw_closed(axes: PolarAxes, points: Sequence[Point], color: str, marker: s
     axes.fill(angles, impulses, color=color, alpha=0.08, lw=0)
 
 
-def _hollow(color: str) -> dict:
+def _hollow(color: str) -> dict[str, Any]:
     return {"ls": "", "marker": "o", "ms": 11, "mfc": "none", "mec": color, "mew": 2.2, "clip_on": False, "zorder": 4}
 
 

@@ -54,10 +54,10 @@ def median_steps(thresholds: Sequence[Threshold], store: Store) -> dict[str, flo
 
 
 def scenario_words(scenario: str, robot: Robot) -> str:
-    """The name of a scenario as a reader says it, with the robot's own word for its root: "pelvis push"."""
+    """The name of a scenario as a reader says it, with the robot's own word for its root."""
     return readable_name(scenario, robot.root).replace("_", " ")
 
 
 def root_words(robot: Robot) -> str:
-    """What the robot's floating body is called: "pelvis"."""
+    """What the robot's floating body is called."""
     return robot.root.replace("_", " ")

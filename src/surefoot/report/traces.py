@@ -30,35 +30,35 @@ class Trace(RecordedTrial):
     @cached_property
     def time(self) -> np.ndarray:
         """Since the disturbance began (num_ticks,) [s]."""
-        return (np.arange(len(self.ticks)) - self.begin) * CONTROL_DT
+        return np.asarray((np.arange(len(self.ticks)) - self.begin) * CONTROL_DT)
 
     @cached_property
     def com_shift(self) -> np.ndarray:
         """Horizontal CoM position, counted from where it was at the disturbance: (num_ticks, 2) [m], world frame."""
         place = self.ticks.com_position[0, :, :2]
-        return place - place[self.begin]
+        return np.asarray(place - place[self.begin])
 
     @property
     def root_attitude_deg(self) -> np.ndarray:
         """Roll and pitch: (2, num_ticks) [deg]."""
-        return np.degrees(self.ticks.root_attitude[:, 0])
+        return np.asarray(np.degrees(self.ticks.root_attitude[:, 0]))
 
     @cached_property
     def foot_loaded(self) -> np.ndarray:
         """Does the foot carry load, but for chatter? bool (num_ticks, 2): left, right."""
         loaded = self.ticks.foot_force[0] > protocol_for(self.ticks.robot).loaded_force
         gap = np.ones((round(DEBOUNCE_S / CONTROL_DT) + 1, 1))
-        return loaded | binary_closing(loaded, gap)
+        return np.asarray(loaded | binary_closing(loaded, gap))
 
     @property
     def sole_height(self) -> np.ndarray:
         """Height of the soles' centres above a flat floor: (num_ticks, 2) [m]."""
-        return self.ticks.sole_position[0, ..., 2] - self.ticks.robot.model().geom(FLOOR).pos[2]
+        return np.asarray(self.ticks.sole_position[0, ..., 2] - self.ticks.robot.model().geom(FLOOR).pos[2])
 
     @property
     def foot_attitude_deg(self) -> np.ndarray:
         """Roll and pitch of the feet: (2, num_ticks, 2) [deg]."""
-        return np.degrees(roll_pitch(self.ticks.foot_orientation[0]))
+        return np.asarray(np.degrees(roll_pitch(self.ticks.foot_orientation[0])))
 
     @cached_property
     def strategies(self) -> Strategies:

@@ -136,7 +136,8 @@ def _shape(model: mujoco.MjModel, geom: int, detail: float) -> trimesh.Trimesh:
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         return _flat_shaded(trimesh.creation.cylinder(size[0], 2.0 * size[1], sections=32))
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        return trimesh.creation.capsule(radius=size[0], height=2.0 * size[1], count=(24, 24))
+        capsule: trimesh.Trimesh = trimesh.creation.capsule(radius=size[0], height=2.0 * size[1], count=(24, 24))
+        return capsule
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return _flat_shaded(trimesh.creation.box(extents=2.0 * size))
     ball = trimesh.creation.icosphere(subdivisions=3)
@@ -175,4 +176,5 @@ def _simplified(shape: trimesh.Trimesh, detail: float) -> trimesh.Trimesh:
 
 def _flat_shaded(shape: trimesh.Trimesh) -> trimesh.Trimesh:
     """The same shape with sharp edges; without it normals would be averaged over them."""
-    return trimesh.graph.smooth_shade(shape, angle=np.radians(40))
+    shaded: trimesh.Trimesh = trimesh.graph.smooth_shade(shape, angle=np.radians(40))
+    return shaded

@@ -38,6 +38,7 @@ class ClipRecorder:
         self._shots: deque[Shot] = deque(maxlen=round(SECONDS * POLICY_HZ))
 
     def clear(self) -> None:
+        """Forget everything."""
         self._shots.clear()
 
     def add(self, session: Session, robot: int) -> None:
@@ -55,6 +56,7 @@ class ClipRecorder:
         self._shots.append(Shot(moment, push))
 
     def shots(self) -> tuple[Shot, ...]:
+        """What is remembered, the oldest first."""
         return tuple(self._shots)
 
 

@@ -243,7 +243,8 @@ def angle_on_screen(client: viser.ClientHandle, right: float, away: float) -> fl
 
     Args:
         client: whose screen it is.
-        right, away: to the right and away from the viewer, a unit vector.
+        right: to the right of the viewer, of a unit vector.
+        away: away from the viewer, of the same.
     """
     view = np.asarray(client.camera.look_at) - np.asarray(client.camera.position)
     angle = np.degrees(np.arctan2(view[1], view[0])) + np.degrees(np.arctan2(-right, away))

@@ -78,6 +78,7 @@ class Player:
         self.do(lambda session: self._step())
 
     def start(self) -> None:
+        """Begin to play."""
         self._thread.start()
 
     def stop(self) -> None:

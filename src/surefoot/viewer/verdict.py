@@ -59,6 +59,7 @@ class Verdicts:
         self._set(ids[self.state[ids] != State.RECOVERING], State.RECOVERING)
 
     def clear_counts(self) -> None:
+        """Begin to count anew."""
         self.recovered = self.fallen = 0
 
     def update(self, ticks: StepRecord, tick: np.ndarray, diverged: np.ndarray) -> None:
