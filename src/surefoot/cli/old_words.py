@@ -1,4 +1,7 @@
-"""Old words: options and values of the last version, which go on working for one more."""
+"""Old words: options of the last version, which go on working for one more.
+
+Old values are understood where they are read: a suite by `chosen_scenarios`, a preset by the training command.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,6 @@ from collections.abc import Sequence
 
 OPTIONS = {("train", "--after"): "--warm-start"}
 """(command, old option) -> its new name."""
-VALUES = {("evaluate", "--suite", "pelvis"): "push"}
-"""(command, option, old value) -> the new value."""
 
 
 def renewed(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -18,21 +19,12 @@ def renewed(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     """
     new, notes = list(arguments[:1]), []
     command = new[0] if new else ""
-    for place, argument in enumerate(arguments[1:], 1):
+    for argument in arguments[1:]:
         option, equals, value = argument.partition("=")
-        before = arguments[place - 1]
         if (command, option) in OPTIONS:
             name = OPTIONS[command, option]
             notes.append(f"{option} is now called {name}")
             new.append(name + equals + value)
-        elif (command, option, value) in VALUES:
-            name = VALUES[command, option, value]
-            notes.append(f"{option} {value} is now called {option} {name}")
-            new.append(f"{option}={name}")
-        elif (command, before, argument) in VALUES:
-            name = VALUES[command, before, argument]
-            notes.append(f"{before} {argument} is now called {before} {name}")
-            new.append(name)
         else:
             new.append(argument)
     return new, notes
