@@ -42,7 +42,7 @@ def needs_opengl() -> None:
 
 def test_a_film_shows_the_push_that_was_asked_for(needs_opengl, tmp_path):
     film = tmp_path / "push.gif"
-    Video("nominal", film, impulse=240.0, begin=0.0, end=0.2, fps=10.0, size=(160, 120)).main()
+    Video("nominal", out=film, impulse=240.0, begin=0.0, end=0.2, fps=10.0, size=(160, 120)).main()
     frames = imageio.imread(film)
     assert frames.shape[1:] == (120, 160, 3)
     orange = ((frames >= (200, 50, 0)) & (frames <= (255, 140, 60))).all(axis=-1)
@@ -51,10 +51,10 @@ def test_a_film_shows_the_push_that_was_asked_for(needs_opengl, tmp_path):
 
 def test_a_picture_has_a_row_for_each_impulse_and_a_column_for_each_time(needs_opengl, tmp_path):
     strip, single = tmp_path / "strip.png", tmp_path / "single.png"
-    Picture("nominal", strip, impulse=(24.0, 240.0), times=(0.1, 0.3, 0.6), size=(80, 100)).main()
+    Picture("nominal", out=strip, impulse=(24.0, 240.0), times=(0.1, 0.3, 0.6), size=(80, 100)).main()
     with Image.open(strip) as picture:
         assert picture.size == (210 + 3 * 84, 2 * 104 + 44)
-    Picture("nominal", single, impulse=(60.0,), times=(0.1,), size=(80, 100)).main()
+    Picture("nominal", out=single, impulse=(60.0,), times=(0.1,), size=(80, 100)).main()
     with Image.open(single) as picture:
         assert picture.size == (80, 100)
 
@@ -163,7 +163,7 @@ def test_play_says_where_it_is_and_ends_by_ctrl_c(tmp_path: Path):
 
 
 def test_pictures_have_all_colours_of_the_robot(needs_opengl, tmp_path):
-    Picture("nominal", tmp_path / "robot.png", impulse=(30.0,), times=(0.5,), size=(300, 400)).main()
+    Picture("nominal", out=tmp_path / "robot.png", impulse=(30.0,), times=(0.5,), size=(300, 400)).main()
     picture = np.asarray(Image.open(tmp_path / "robot.png").convert("RGB"), int)
     assert (picture.min(axis=-1) > 190).sum() > 500, "white shell"
     assert (picture.max(axis=-1) < 60).sum() > 300, "dark joints and visor"

@@ -200,13 +200,13 @@ def standing_network() -> NetworkAgent:
 
 
 def bench_table(figures: dict[str, float]) -> Table:
-    """The figures with their goals, for the terminal."""
+    """The figures with their targets, for the terminal."""
     table = Table(title="surefoot bench", title_justify="left")
-    for column in ("figure", "value", "goal"):
+    for column in ("figure", "value", "target"):
         table.add_column(column, justify="left" if column == "figure" else "right")
     for key, value in figures.items():
-        goal = "{1} {0:g}".format(*TARGETS[key]) if key in TARGETS else ""
-        table.add_row(key, f"{value:g}", goal)
+        target = "{1} {0:g}".format(*TARGETS[key]) if key in TARGETS else ""
+        table.add_row(key, f"{value:g}", target)
     return table
 
 
