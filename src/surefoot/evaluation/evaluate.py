@@ -138,9 +138,11 @@ class _Search(TrialSource):
         self._running: dict[Trial, list[tuple[ThresholdSearch | FixedTrials, TrialRequest]]] = {}
 
     def thresholds(self) -> list[Threshold]:
+        """The thresholds of all lines that are searched."""
         return [search.result() for search in self.searches if isinstance(search, ThresholdSearch)]
 
     def next(self) -> Trial | None:
+        """The next trial that is neither known nor running."""
         while (found := self._next_request()) is not None:
             search, request = found
             if request.trial in self._running:  # two lines may ask for the same trial, with and without stepping
@@ -165,6 +167,7 @@ class _Search(TrialSource):
         return None
 
     def report(self, trial: Trial, outcome: Outcome) -> None:
+        """Store an outcome and tell the lines that asked for it."""
         requested = self._running.pop(trial)
         if self._store is not None:
             self._store.put(trial, outcome, requested[0][0].line.scenario.name)
@@ -176,8 +179,10 @@ class _Search(TrialSource):
             self._on_progress(self._num_done, num_lines, [(search.line, search.reached) for search in self.searches])
 
     def wants(self, trial: Trial) -> bool:
+        """Whether any line still wants the outcome of a running trial."""
         return any(search.wants(request) for search, request in self._running[trial])
 
     def drop(self, trial: Trial) -> None:
+        """Tell the lines that asked for a trial that it was stopped."""
         for search, request in self._running.pop(trial):
             search.drop(request)

@@ -19,7 +19,7 @@ class Outcome:
         foot_shift: farthest that a foot came from its place at the disturbance [m].
         com_speed: mean over the judged time [m/s]; NaN if the trial ended before.
         root_tilt: largest angle of the root from upright since the disturbance began [rad].
-        ankle, hip, foot_tilt, steps: the strategies (`surefoot.strategies`); steps are counted.
+        ankle, hip, foot_tilt, steps: the strategies (`surefoot.evaluation.strategies`); steps are counted.
         quiet_drift: farthest that the CoM came, horizontally, from where it was when the calm time began [m].
         quiet_power: mean of sum |torque * velocity| over the calm time [W].
         quiet_steps: steps in the calm time. These three are NaN for a trial that ended before its horizon.

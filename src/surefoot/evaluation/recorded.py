@@ -52,9 +52,11 @@ class _Recorder(TrialSource):
         self._records: list[list[StepRecord]] = [[] for _ in trials]
 
     def next(self) -> Trial | None:
+        """The next of the trials."""
         return next(self._todo, None)
 
     def report(self, trial: Trial, outcome: Outcome) -> None:
+        """Keep the outcome."""
         self._outcomes[trial] = outcome
 
     def watch(self, slots: np.ndarray, ticks: StepRecord) -> None:

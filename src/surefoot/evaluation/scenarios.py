@@ -87,15 +87,18 @@ class Scenario:
 
     @property
     def domain(self) -> DomainParameters:
+        """What the robots stand on and are made of."""
         slope, uphill = math.radians(self.slope_deg), math.radians(self.uphill_deg)
         return DomainParameters(self.friction, self.mass_scale, self.motor_strength, slope, uphill, self.physics_hz)
 
     @property
     def imperfections(self) -> Imperfections:
+        """Those of sensors and actuators."""
         return Imperfections(self.observation_noise, self.action_noise, self.sensor_bias, self.latency)
 
     @property
     def unit(self) -> str:
+        """Unit of the size."""
         return UNITS.get(self.search, "Ns")
 
     def lines(self, protocol: Protocol = PROTOCOL) -> list[Line]:

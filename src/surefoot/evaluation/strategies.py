@@ -93,6 +93,7 @@ class Strategies:
 
     @property
     def num_steps(self) -> int:
+        """Number of steps."""
         return len(self.steps)
 
     def __str__(self) -> str:
@@ -192,6 +193,7 @@ class _FootWatch:
         self._loaded_run = np.zeros((num_robots, 2), np.int32)
 
     def reset(self, ids: np.ndarray, ticks: StepRecord) -> None:
+        """As `StrategyWatch.reset`."""
         soles = ticks.sole_position[:, 0, :, :2]
         for place in (self._place, self._stood_at, self._left_at):
             place[ids] = soles

@@ -82,19 +82,24 @@ class FixedTrials:
 
     @property
     def done(self) -> bool:
+        """Whether all trials have been reported."""
         return self._left == 0
 
     @property
     def reached(self) -> float:
+        """Number of trials so far, for showing."""
         return float(self.line.scenario.trials - self._left)
 
     def next(self, ahead: bool) -> TrialRequest | None:
+        """The next trial; none is needed `ahead`."""
         return self._todo.popleft() if self._todo and not ahead else None
 
     def report(self, request: TrialRequest, outcome: Outcome) -> None:
+        """Take in the outcome of a trial."""
         self._left -= 1
 
     def wants(self, request: TrialRequest) -> bool:
+        """Every trial is wanted."""
         return True
 
     def drop(self, request: TrialRequest) -> None:
@@ -134,6 +139,7 @@ class ThresholdSearch:
 
     @property
     def done(self) -> bool:
+        """Whether the threshold is known."""
         return self._candidate is not None and not self._undecided(self._candidate)
 
     @property
@@ -209,9 +215,11 @@ class ThresholdSearch:
         return request.cell in self._candidates() if request.full_length else request.cell < self.top
 
     def drop(self, request: TrialRequest) -> None:
+        """Take back the request of a trial that was stopped."""
         self._num_screening -= not request.full_length
 
     def report(self, request: TrialRequest, outcome: Outcome) -> None:
+        """Take in the outcome of a trial."""
         succeeded = self.line.succeeded(outcome)
         self._found_candidates = None
         if request.full_length:
@@ -265,6 +273,7 @@ class ThresholdSearch:
         return 1 < cell <= NEIGHBOURS and self._gives_way(range(1, cell))
 
     def result(self) -> Threshold:
+        """The threshold, once the search is done."""
         cell = self._candidate or 0
         outcomes = self.full_length.get(cell, []) if cell else []
         low, high = wilson_interval(sum(outcomes), len(outcomes))

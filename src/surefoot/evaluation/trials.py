@@ -61,6 +61,7 @@ class Trial:
 
     @property
     def pushes(self) -> tuple[Push, ...]:
+        """All pushes, the preceding one first."""
         return (self.push,) if self.preceding is None else (self.preceding, self.push)
 
 
@@ -89,9 +90,11 @@ class _List(TrialSource):
         self.outcomes: dict[Trial, Outcome] = {}
 
     def next(self) -> Trial | None:
+        """The next of the list."""
         return next(self._todo, None)
 
     def report(self, trial: Trial, outcome: Outcome) -> None:
+        """Keep the outcome."""
         self.outcomes[trial] = outcome
 
 
@@ -150,9 +153,11 @@ class _Arena:
 
     @property
     def running(self) -> np.ndarray:
+        """Slots in which a trial runs."""
         return np.flatnonzero([trial is not None for trial in self.trial])
 
     def fill(self, source: TrialSource) -> None:
+        """Begin trials of the source in the free slots."""
         slots = []
         for slot, trial in enumerate(self.trial):
             if trial is None:
@@ -164,16 +169,19 @@ class _Arena:
             self._begin(np.array(slots), [trial for slot in slots if (trial := self.trial[slot])])
 
     def finish(self, slot: int) -> Trial:
+        """Free a slot; returns the trial that was in it."""
         trial, self.trial[slot] = self.trial[slot], None
         assert trial is not None
         return trial
 
     def drop_unwanted(self, source: TrialSource) -> None:
+        """Stop the trials that the source does not want any more."""
         for slot, trial in enumerate(self.trial):
             if trial and not source.wants(trial):
                 source.drop(self.finish(slot))
 
     def step(self, slots: np.ndarray) -> tuple[StepRecord, dict[int, Outcome]]:
+        """Make a policy step in some slots; returns its ticks, and the outcomes of the trials that ended, by slot."""
         everyone = len(slots) == len(self.trial)  # then nothing is copied
         ticks = self.loop.drive(None if everyone else slots)
         diverged = self.loop.engine.diverged[slots]
