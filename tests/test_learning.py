@@ -88,7 +88,7 @@ def test_the_policy_file_acts_as_the_network_that_was_trained(algorithm: str) ->
     # Whatever a critic is told of the next push, the policy does not know.
     privileged = np.random.default_rng(1).standard_normal((16, model.observation_space.shape[0] - 47))
     expected, _ = model.predict(np.concatenate([inputs, privileged], axis=1, dtype=np.float32), deterministic=True)
-    actual = np.clip(NetworkAgent(data, "test")(raw, np.arange(16)), -1.0, 1.0)
+    actual = np.clip(NetworkAgent(data, "test").actions(raw), -1.0, 1.0)
     np.testing.assert_allclose(actual, expected, atol=2e-5)
 
 
@@ -97,10 +97,8 @@ def test_a_mirrored_policy_acts_alike_on_both_sides_but_for_the_side_that_it_pre
     model, venv = make(dataclasses.replace(tiny(algorithm), mirror=True))
     for parameter in model.policy.parameters():
         parameter.data += 0.1 * torch.randn_like(parameter)
-    (source, sign), (joint_source, joint_sign) = (
-        observation.mirror(venv.env.robot),
-        observation.mirror_joints(venv.env.robot),
-    )
+    robot = venv.env.robot
+    (source, sign), joint_source, joint_sign = observation.mirror(robot), robot.mirror_source, robot.mirror_sign
     inputs = np.random.default_rng(0).standard_normal((16, 59)).astype(np.float32)
     # The last twelve are privileged; of these the push along y, its lever along y and its side change sign.
     privileged_sign = [1, 1, 1, -1, 1, 1, -1, -1, 1, 1, 1, 1]

@@ -79,7 +79,7 @@ def test_the_better_policy_is_selected_and_carries_what_was_found(tmp_path: Path
     chosen = NetworkAgent(shipped_bytes(best), "chosen")
     assert chosen.contract.training["selection"] == [{"recovered": round(best.recovered, 4), "calm": best.quiet}]
     observation = np.zeros((1, 47))
-    np.testing.assert_array_equal(chosen(observation, np.arange(1)), load_policy(best.file)(observation, np.arange(1)))
+    np.testing.assert_array_equal(chosen.actions(observation), load_policy(best.file).actions(observation))
     with pytest.raises(UserError, match=r"no policies in .*nowhere"):
         files([tmp_path / "nowhere"])
 
@@ -95,7 +95,7 @@ def test_means_are_of_the_policies_that_a_run_kept_within_some_minutes(tmp_path:
     found = means(tmp_path, 4.0)
     # Windows from 0, 2, 4 and 6 minutes on, two policies in each: 0 and 1, 1 and 2, 2 and 3, 3 and 4.
     assert [file.name for file in found] == [f"mean-{k}-to-{k + 4}.onnx" for k in (0, 2, 4, 6)]
-    said = [load_policy(file)(np.zeros((1, 47)), np.arange(1))[0, 0] for file in found]
+    said = [load_policy(file).actions(np.zeros((1, 47)))[0, 0] for file in found]
     assert said == [0.5, 1.5, 2.5, 3.5]
     assert load_policy(found[1]).contract.training == {"algorithm": "ddpg", "mean_of": 2, "mean_from_minute": 2.0}
     assert means(tmp_path / "nothing", 4.0) == []
