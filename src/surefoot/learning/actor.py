@@ -88,7 +88,7 @@ def widen_critic(parameters: Mapping[str, Any], model: BaseAlgorithm) -> dict[st
             return {key: widened(item) for key, item in value.items()}
         if not isinstance(value, torch.Tensor) or value.shape not in narrow:
             return value
-        known, last = value.split([value.shape[1] - num_last, num_last], dim=1)
+        known, last = torch.split(value, [value.shape[1] - num_last, num_last], dim=1)
         return torch.cat([known, torch.zeros(len(value), narrow[value.shape] - value.shape[1]), last], dim=1)
 
     return widened(parameters)

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3 import DDPG
-from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBufferSamples
+from stable_baselines3.common.buffers import NStepReplayBuffer
 from stable_baselines3.common.noise import VectorizedActionNoise
 from stable_baselines3.common.policies import ContinuousCritic
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.td3.policies import Actor
 from torch import nn
@@ -58,7 +59,7 @@ class BatchDDPG(DDPG):
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])
         assert self.replay_buffer is not None
         drawn = [part for part in self.replay_buffer.sample(gradient_steps * batch_size) if part is not None]
-        for parts in zip(*(part.split(batch_size) for part in drawn), strict=True):
+        for parts in zip(*(torch.split(part, batch_size) for part in drawn), strict=True):
             batch = ReplayBufferSamples(*parts)
             _descend(self.critic, self._critic_loss(batch))
             _descend(self.actor, self._actor_loss(batch))

@@ -70,7 +70,7 @@ class Learner:
         squash = isinstance(self.model, OffPolicyAlgorithm)
         return network_bytes(network_layers(self.average.kept), normalise.mean, normalise.std, squash, contract)
 
-    def take_networks(self, parameters: dict[str, dict], state: dict[str, Any]) -> None:
+    def take_networks(self, parameters: dict[str, dict[str, Any]], state: dict[str, Any]) -> None:
         """Go on with the networks and the average of a checkpoint, see `state`."""
         if self.config.privileged_critic:
             parameters = widen_critic(parameters, self.model)
@@ -99,7 +99,7 @@ class Learner:
             "averaged_actor": dict(self.average.state()),
         }
 
-    def restore(self, parameters: dict[str, dict], state: dict[str, Any]) -> None:
+    def restore(self, parameters: dict[str, dict[str, Any]], state: dict[str, Any]) -> None:
         """Go on from a checkpoint of this run; its robots start anew."""
         self.take_networks(parameters, state)
         self.rng.bit_generator.state = state["noise_generator"]

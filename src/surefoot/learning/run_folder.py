@@ -76,7 +76,7 @@ class RunFolder:
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise UserError(f"{file} cannot be read as a training configuration: {error}") from error
 
-    def save_checkpoint(self, parameters: dict[str, dict], state: dict[str, Any]) -> None:
+    def save_checkpoint(self, parameters: dict[str, dict[str, Any]], state: dict[str, Any]) -> None:
         """Keep SB3's `get_parameters()` and a JSON-able state."""
         arrays: dict[str, np.ndarray] = {}
         skeleton = _take_arrays({"parameters": parameters, "state": state}, "", arrays)
@@ -85,7 +85,7 @@ class RunFolder:
         np.savez(buffer, allow_pickle=False, **arrays)
         write_whole(self.path / "checkpoint.npz", buffer.getvalue())
 
-    def load_checkpoint(self) -> tuple[dict[str, dict], dict[str, Any]]:
+    def load_checkpoint(self) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
         """What `save_checkpoint` kept.
 
         Raises:

@@ -67,6 +67,7 @@ class SB3VecEnv(VecEnv):
         self._length = np.zeros(env.num_envs, np.int64)
 
     def reset(self) -> np.ndarray:
+        """Start every robot anew and return what the networks see of them, (num_envs, size) float32."""
         observations, _ = self.env.reset(seed=self._seeds[0])
         self._reset_seeds()
         self._return[:] = 0.0
@@ -74,12 +75,14 @@ class SB3VecEnv(VecEnv):
         return self._seen(observations, self.env.privileged_observation())
 
     def step_async(self, actions: np.ndarray) -> None:
+        """Take the actions (num_envs, num_joints) of the next policy step; the robots move while `meanwhile` runs."""
         if self.meanwhile:
             self._moving = self._mover.submit(self.env.step, actions)
         else:
             self._actions = actions
 
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict]]:
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Return observations, rewards, ends of episodes and infos of the policy step, as SB3 wants them."""
         if self.meanwhile:
             self.meanwhile()
             observations, rewards, terminated, truncated, info = self._moving.result()
@@ -108,16 +111,21 @@ class SB3VecEnv(VecEnv):
         return np.concatenate([seen, privileged], axis=1, dtype=np.float32) if self.privileged else seen
 
     def close(self) -> None:
+        """End the thread that moves the robots."""
         self._mover.shutdown()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the environment once for each robot."""
         return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set an attribute of the environment."""
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Call a method of the environment."""
         return [getattr(self.env, method_name)(*args, **kwargs)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Return False for each robot: SB3's wrappers wrap single environments."""
         return [False] * len(list(self._get_indices(indices)))
