@@ -98,7 +98,7 @@ def test_bad_input_gets_one_clear_line_and_exit_code_2(arguments: list[str], mes
 
 
 def policy_of_another_robot() -> bytes:
-    robot = load_robot()
+    robot = load_robot("valkyrie")
     text = Contract.of(robot, "bent", 0.6).to_json().replace('"valkyrie"', '"atlas"')
     layers = [(np.zeros((11, 47)), np.zeros(11))]
     return network_bytes(layers, np.zeros(47), np.ones(47), False, Contract.from_json(text))

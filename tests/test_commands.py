@@ -64,7 +64,9 @@ def test_a_picture_has_a_row_for_each_impulse_and_a_column_for_each_time(needs_o
     [("forward", (1, 0, 0)), ("left", (0, 1, 0)), ("backward", (-1, 0, 0)), ("right", (0, -1, 0)), ("90", (0, 1, 0))],
 )
 def test_directions_are_words_or_degrees_to_the_left(words, direction):
-    assert push_trial(load_robot(), "torso", words, 60.0, 0.12, 0).push.direction == pytest.approx(direction, abs=1e-12)
+    assert push_trial(load_robot("valkyrie"), "torso", words, 60.0, 0.12, 0).push.direction == pytest.approx(
+        direction, abs=1e-12
+    )
 
 
 def test_a_scenario_is_shown_as_it_is_tested():
@@ -74,8 +76,10 @@ def test_a_scenario_is_shown_as_it_is_tested():
             "combined", preceding_impulse=500.0, preceding_upward=True, push_interval=(0.24, 0.24)
         ).lines()
     }
-    assert scenario_trial(load_robot(), "combined", "left", 72.0, 3) == line["left"].trial(12, 3, full_length=True)
-    assert scenario_trial(load_robot(), "drop_055", "forward", 120.0, 1).drop == Drop(0.55)
+    assert scenario_trial(load_robot("valkyrie"), "combined", "left", 72.0, 3) == line["left"].trial(
+        12, 3, full_length=True
+    )
+    assert scenario_trial(load_robot("valkyrie"), "drop_055", "forward", 120.0, 1).drop == Drop(0.55)
 
 
 @pytest.mark.parametrize(
@@ -92,17 +96,22 @@ def test_a_scenario_is_shown_as_it_is_tested():
 )
 def test_a_trial_that_is_not_there_is_refused(arguments, message):
     with pytest.raises(UserError, match=message):
-        scenario_trial(load_robot(), *arguments)
+        scenario_trial(load_robot("valkyrie"), *arguments)
 
 
 def test_trials_are_told_in_words():
-    assert trial_words(scenario_trial(load_robot(), "combined", "left", 72.0, 0)) == "500 Ns up, then 72 Ns left"
-    assert trial_words(scenario_trial(load_robot(), "landing_tilt", "left", 5.0, 0)) == "drop from 0.4 m, leaning"
-    assert trial_words(scenario_trial(load_robot(), "standing", "forward", 6.0, 0)) == "no push"
+    assert (
+        trial_words(scenario_trial(load_robot("valkyrie"), "combined", "left", 72.0, 0)) == "500 Ns up, then 72 Ns left"
+    )
+    assert (
+        trial_words(scenario_trial(load_robot("valkyrie"), "landing_tilt", "left", 5.0, 0))
+        == "drop from 0.4 m, leaning"
+    )
+    assert trial_words(scenario_trial(load_robot("valkyrie"), "standing", "forward", 6.0, 0)) == "no push"
 
 
 def test_the_push_in_the_air_is_drawn_when_it_comes(needs_opengl):
-    trial = scenario_trial(load_robot(), "combined", "forward", 300.0, 0)
+    trial = scenario_trial(load_robot("valkyrie"), "combined", "forward", 300.0, 0)
     recording = record(NominalAgent(usual_robot()), trial)
     with Renderer(recording.robot, 320, 240) as canvas:
         lift, push = (draw_moment(canvas, trial, recording.at(time)) for time in (0.1, 0.3))

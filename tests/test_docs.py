@@ -99,7 +99,7 @@ def test_every_figure_for_machines_is_documented() -> None:
     # No bounds on times here: a shared machine breaks any. `surefoot bench` sets them beside their goals.
     assert all(np.isfinite(figure) and figure > 0.0 for figure in found.values())
     thresholds = [t for t in read_thresholds(THRESHOLDS)["nominal-bent"] if t.line.name in DIRECTIONS]
-    robot = load_robot()
+    robot = load_robot("valkyrie")
     found |= figures.flat_metrics(thresholds, {}, (1.0, 1.0), robot, robot.pose("bent"), 1.0)
     searched = "|".join(scenario.name for scenario in PAPER if scenario.search)
     for key in found:

@@ -13,7 +13,7 @@ from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.rates import TICKS_PER_STEP
 from surefoot.robots import Robot, load_robot
 
-JOINTS = load_robot().joint_names
+JOINTS = load_robot("valkyrie").joint_names
 
 
 class Drive(NamedTuple):

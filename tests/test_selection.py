@@ -30,7 +30,7 @@ from surefoot.task.environment import PushRecoveryVectorEnv
 
 def test_a_validation_uses_trials_that_the_evaluation_never_sees() -> None:
     with mock.patch("surefoot.learning.validation.run_list", wraps=run_list) as runner:
-        found = validate(NominalAgent(load_robot(), "bent"))
+        found = validate(NominalAgent(load_robot("valkyrie"), "bent"))
     # An evaluation's seeds count from 0, up to the 40 full-length trials and the trials of a fixed scenario.
     assert min(trial.seed for trial in runner.call_args.args[1]) > 10_000
     # Held by its impedance alone the robot rejects small pushes and no large ones.
@@ -39,7 +39,7 @@ def test_a_validation_uses_trials_that_the_evaluation_never_sees() -> None:
 
 
 def test_validations_of_other_rounds_use_other_trials_and_some_other_directions() -> None:
-    policy = NominalAgent(load_robot(), "bent")
+    policy = NominalAgent(load_robot("valkyrie"), "bent")
     seeds: list[set[int]] = []
     directions: list[set[float]] = []
     for number in (0, 1, 2):
@@ -55,7 +55,7 @@ def test_validations_of_other_rounds_use_other_trials_and_some_other_directions(
 
 
 def test_a_suite_validation_tells_by_scenario_how_much_of_the_way_to_the_target_holds() -> None:
-    policy = NominalAgent(load_robot(), "bent")
+    policy = NominalAgent(load_robot("valkyrie"), "bent")
     with mock.patch("surefoot.learning.suite_validation.run_list", wraps=run_list) as runner:
         shares = validate_suite(policy)
     trials = runner.call_args.args[1]
@@ -85,7 +85,7 @@ def test_the_better_policy_is_selected_and_carries_what_was_found(tmp_path: Path
 
 
 def test_means_are_of_the_policies_that_a_run_kept_within_some_minutes(tmp_path: Path) -> None:
-    robot = load_robot()
+    robot = load_robot("valkyrie")
     contract = Contract.of(robot, "bent", 0.8, {"algorithm": "ddpg"})
     (tmp_path / "kept").mkdir()
     for k in range(5):  # minutes 0.5, 2.5, ..., 8.5: a network that always says k

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.protocol import PROTOCOL, protocol_for
@@ -51,12 +51,15 @@ def run_scenarios(
     scenarios: Iterable[Scenario],
     store: Store | None = None,
     on_progress: OnProgress | None = None,
-    **options,
+    **options: Any,
 ) -> list[Threshold]:
     """Run the trials of all scenarios, those in the same world as one batch.
 
     Args:
+        policy: the agent that is tested.
+        scenarios: what it is tested in.
         store: asked before a trial is run, told afterwards.
+        on_progress: told after every trial.
         options: those of `run_trials`.
 
     Returns:

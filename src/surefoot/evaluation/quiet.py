@@ -40,6 +40,7 @@ class QuietRule:
         """Take in a policy step of robots `ids` (n,).
 
         Args:
+            ids: the robots (n,).
             upright: as of `is_upright` (n, TICKS_PER_STEP).
             speed: of the CoM (n, TICKS_PER_STEP) [m/s].
             first_tick: of the step, since each robot's reset (n,).

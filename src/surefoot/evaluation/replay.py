@@ -27,11 +27,13 @@ RUNS = Path("runs")
 
 
 def find_policy(name: str, digest: str, given: str | Path | None = None) -> Agent:
-    """The policy or controller of this digest: the given one, or else among the shipped ones, the nominal pose and
-    `runs/`.
+    """Find the policy or controller of a digest.
+
+    Without a given one, it is looked for among the shipped ones, the nominal pose and `runs/`.
 
     Args:
         name: what results call it, for errors.
+        digest: by which results know it.
         given: a shipped policy's name, a policy file, a run folder, or a controller's name.
 
     Raises:

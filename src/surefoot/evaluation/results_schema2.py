@@ -13,13 +13,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from surefoot.agents.load import usual_robot
 from surefoot.errors import UserError
 from surefoot.evaluation.results_schema import SCHEMA, SETUP_COLUMNS, TABLES, as_dicts, insert
 from surefoot.evaluation.scenarios import ROOT, canonical_name, from_json
 from surefoot.evaluation.setup import UNKNOWN_PROTOCOL, Setup
 from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial
-from surefoot.robots import load_robot
 
 SCHEMA_2 = 2
 
@@ -47,7 +47,7 @@ def setup_of_digest(digest: str, robot: str, engine: str) -> Setup:
 
 def threshold_row(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row of exported thresholds of schema 2 in today's columns; KeyError or ValueError for anything else."""
-    robot = load_robot().name
+    robot = usual_robot().name
     setup = setup_of_digest(row["setup"], robot, "unknown")
     name, definition = _scenario(row["scenario"], row["definition"], setup.robot)
     return {**row, **dataclasses.asdict(setup), "scenario": name, "definition": definition}

@@ -160,8 +160,14 @@ class Line:
         return outcome.recovered
 
     def _trial(
-        self, seed: int, full_length: bool, *, impulse: float | None = None, height: float | None = None, tilt=0.0
-    ):
+        self,
+        seed: int,
+        full_length: bool,
+        *,
+        impulse: float | None = None,
+        height: float | None = None,
+        tilt: float = 0.0,
+    ) -> Trial:
         s = self.scenario
         along = (round(math.cos(self.angle), 12) + 0.0, round(math.sin(self.angle), 12) + 0.0, 0.0)  # never -0.0
         size = s.impulse if impulse is None else impulse

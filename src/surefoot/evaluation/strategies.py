@@ -135,6 +135,7 @@ class StrategyWatch:
         """Take in a policy step of robots `ids` (n,).
 
         Args:
+            ids: the robots (n,).
             ticks: (n, num_ticks, ...).
             active: bool (n, num_ticks), the ticks at and after the beginning of the disturbance. What comes before
                 refreshes the reference that all is measured against.
@@ -246,9 +247,12 @@ class _FootWatch:
 
 
 def _features(ticks: StepRecord, protocol: Protocol) -> np.ndarray:
-    """Means over the ticks (n, 11): pressure moment x, y [Nm] and force [N] of the feet that stand still, tilts of the
-    loaded soles, roll and pitch of the trunk, the same against the legs [rad], angular momentum [kg m^2/s]; heading
-    frame from the trunk on."""
+    """Means over the ticks (n, 11) of what the strategies are told from.
+
+    Pressure moment x, y [Nm] and force [N] of the feet that stand still, tilts of the loaded soles, roll and pitch of
+    the trunk, the same against the legs [rad], and the angular momentum [kg m^2/s]; in the heading frame from the trunk
+    on.
+    """
     some = slice(None, None, _STRIDE)
     soles = ticks.sole_position
     force = ticks.foot_force[:, some]

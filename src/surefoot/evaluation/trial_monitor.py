@@ -60,9 +60,12 @@ class TrialMonitor:
         """Robots `ids` (n,) begin a trial.
 
         Args:
+            ids: the robots (n,).
             ticks: one of each, their state at the reset.
-            start, push_end: ticks at which the disturbance begins and its last push ends (n,).
-            horizon, quiet_from: from the beginning of the disturbance [s] (n,).
+            start: tick at which the disturbance begins (n,).
+            push_end: tick at which its last push ends (n,).
+            horizon: from the beginning of the disturbance to the verdict [s] (n,).
+            quiet_from: from the beginning of the disturbance until quiet standing is measured [s] (n,).
             full_length: bool (n,), whether the trial runs to its horizon even if the robot stands quietly before.
         """
         self._strategies.reset(ids, ticks)
@@ -90,6 +93,7 @@ class TrialMonitor:
         """Take in a policy step of robots `ids` (n,).
 
         Args:
+            ids: the robots (n,).
             ticks: (n, TICKS_PER_STEP, ...).
             now: ticks since each robot's reset at the end of the step (n,).
             diverged: bool (n,).

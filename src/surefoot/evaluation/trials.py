@@ -8,6 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -34,8 +35,9 @@ NO_PUSH = Push()
 
 @dataclass(frozen=True)
 class Trial:
-    """One disturbance of one robot. Starts of pushes are counted from the end of the settling time, or from the
-    release of a dropped robot.
+    """One disturbance of one robot.
+
+    Starts of pushes are counted from the end of the settling time, or from the release of a dropped robot.
 
     Attributes:
         push: one of 0 Ns disturbs nothing; the disturbance then begins where the push would have.
@@ -98,7 +100,7 @@ class _List(TrialSource):
         self.outcomes[trial] = outcome
 
 
-def run_list(policy: Agent, trials: Iterable[Trial], **options) -> dict[Trial, Outcome]:
+def run_list(policy: Agent, trials: Iterable[Trial], **options: Any) -> dict[Trial, Outcome]:
     """Run different trials, in any order; options are those of `run_trials`."""
     source = _List(trials)
     run_trials(policy, source, **options)
@@ -116,7 +118,10 @@ def run_trials(
     """Run trials until the source has no more.
 
     Args:
+        policy: the agent that moves the robots.
+        source: hands out the trials and is told their outcomes.
         num_slots: robots in the batch.
+        num_threads: of the physics; 0 for all cores.
         on_step: called with the running slots (n,) and their ticks after every policy step.
         domain: of all the trials.
 
@@ -231,8 +236,12 @@ class _Arena:
 
 
 def draws(trial: Trial, num_joints: int) -> tuple[np.ndarray, int]:
-    """What the seed draws: what the start angles are off by (num_joints,) [rad], and the tick from which the starts
-    of the pushes are counted."""
+    """What the seed of a trial draws.
+
+    Returns:
+        What the start angles are off by (num_joints,) [rad], and the tick from which the starts of the pushes are
+        counted.
+    """
     rng = np.random.default_rng(trial.seed)
     noise = rng.uniform(-JOINT_NOISE, JOINT_NOISE, num_joints)
     offset = int(rng.integers(TICKS_PER_STEP))

@@ -116,6 +116,7 @@ class ExplorationNoise(VectorizedActionNoise):
         self._noise = rng.standard_normal(shape)
 
     def __call__(self) -> np.ndarray:
+        """Draw the noise of the next policy step, (num_robots, num_joints) float32."""
         fresh = self.rng.standard_normal(self.shape)
         self._noise = self.correlation * self._noise + np.sqrt(1.0 - self.correlation**2) * fresh
         return (self.scale * self.std * self._noise).astype(np.float32)

@@ -39,6 +39,7 @@ class Normalisation:
         self.std = observation.scales(env.robot)
 
     def __call__(self, observations: np.ndarray) -> np.ndarray:
+        """Return normalised observations (n, 47), float32."""
         return ((observations - self.mean) / self.std).astype(np.float32)
 
 

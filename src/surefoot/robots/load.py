@@ -30,7 +30,7 @@ def shipped_robots() -> tuple[str, ...]:
     return tuple(sorted(file.parent.name for file in folder.glob(f"*/*{SUFFIX}") if file.stem == file.parent.name))
 
 
-def load_robot(name: str | Path = "valkyrie") -> Robot:
+def load_robot(name: str | Path) -> Robot:
     """Read a robot that comes with the package, or one of your own.
 
     Args:
