@@ -31,6 +31,8 @@ from surefoot.robots import load_robot
 from surefoot.viewer.clip import SIZE, ClipRecorder, save_clip
 from surefoot.viewer.session import Session
 
+VALKYRIE = load_robot("valkyrie")
+
 
 @pytest.fixture(scope="module")
 def needs_opengl() -> None:
@@ -64,9 +66,7 @@ def test_a_picture_has_a_row_for_each_impulse_and_a_column_for_each_time(needs_o
     [("forward", (1, 0, 0)), ("left", (0, 1, 0)), ("backward", (-1, 0, 0)), ("right", (0, -1, 0)), ("90", (0, 1, 0))],
 )
 def test_directions_are_words_or_degrees_to_the_left(words, direction):
-    assert push_trial(load_robot("valkyrie"), "torso", words, 60.0, 0.12, 0).push.direction == pytest.approx(
-        direction, abs=1e-12
-    )
+    assert push_trial(VALKYRIE, "torso", words, 60.0, 0.12, 0).push.direction == pytest.approx(direction, abs=1e-12)
 
 
 def test_a_scenario_is_shown_as_it_is_tested():
@@ -76,10 +76,8 @@ def test_a_scenario_is_shown_as_it_is_tested():
             "combined", preceding_impulse=500.0, preceding_upward=True, push_interval=(0.24, 0.24)
         ).lines()
     }
-    assert scenario_trial(load_robot("valkyrie"), "combined", "left", 72.0, 3) == line["left"].trial(
-        12, 3, full_length=True
-    )
-    assert scenario_trial(load_robot("valkyrie"), "drop_055", "forward", 120.0, 1).drop == Drop(0.55)
+    assert scenario_trial(VALKYRIE, "combined", "left", 72.0, 3) == line["left"].trial(12, 3, full_length=True)
+    assert scenario_trial(VALKYRIE, "drop_055", "forward", 120.0, 1).drop == Drop(0.55)
 
 
 @pytest.mark.parametrize(
@@ -96,22 +94,17 @@ def test_a_scenario_is_shown_as_it_is_tested():
 )
 def test_a_trial_that_is_not_there_is_refused(arguments, message):
     with pytest.raises(UserError, match=message):
-        scenario_trial(load_robot("valkyrie"), *arguments)
+        scenario_trial(VALKYRIE, *arguments)
 
 
 def test_trials_are_told_in_words():
-    assert (
-        trial_words(scenario_trial(load_robot("valkyrie"), "combined", "left", 72.0, 0)) == "500 Ns up, then 72 Ns left"
-    )
-    assert (
-        trial_words(scenario_trial(load_robot("valkyrie"), "landing_tilt", "left", 5.0, 0))
-        == "drop from 0.4 m, leaning"
-    )
-    assert trial_words(scenario_trial(load_robot("valkyrie"), "standing", "forward", 6.0, 0)) == "no push"
+    assert trial_words(scenario_trial(VALKYRIE, "combined", "left", 72.0, 0)) == "500 Ns up, then 72 Ns left"
+    assert trial_words(scenario_trial(VALKYRIE, "landing_tilt", "left", 5.0, 0)) == "drop from 0.4 m, leaning"
+    assert trial_words(scenario_trial(VALKYRIE, "standing", "forward", 6.0, 0)) == "no push"
 
 
 def test_the_push_in_the_air_is_drawn_when_it_comes(needs_opengl):
-    trial = scenario_trial(load_robot("valkyrie"), "combined", "forward", 300.0, 0)
+    trial = scenario_trial(VALKYRIE, "combined", "forward", 300.0, 0)
     recording = record(NominalAgent(usual_robot()), trial)
     with Renderer(recording.robot, 320, 240) as canvas:
         lift, push = (draw_moment(canvas, trial, recording.at(time)) for time in (0.1, 0.3))

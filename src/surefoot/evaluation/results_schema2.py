@@ -20,6 +20,7 @@ from surefoot.evaluation.scenarios import ROOT, canonical_name, from_json
 from surefoot.evaluation.setup import UNKNOWN_PROTOCOL, Setup
 from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial
+from surefoot.robots import load_robot
 
 SCHEMA_2 = 2
 
