@@ -304,6 +304,17 @@ def test_reset_makes_a_robot_perfect_again(robot: Robot) -> None:
         np.testing.assert_array_equal(loop.observation[0], loop.observation[1])
 
 
+def test_reset_makes_a_robot_perfect_again_beside_one_that_stays_imperfect(robot: Robot) -> None:
+    loop, pose = spoiled_loop(robot, ROUGH), robot.pose("bent")[None]
+    loop.spoil(0, ROUGH, seed=4)
+    loop.reset(np.array([0]), pose, height=50.0)
+    alone = make_loop(robot, 1)
+    alone.reset(np.array([0]), pose, height=50.0)
+    expected = stepped(alone, np.array([0]), 0)
+    for found, wanted in zip(stepped(loop, np.array([0, 1]), 0), expected, strict=True):
+        np.testing.assert_array_equal(found, wanted)
+
+
 def test_actions_of_a_wrong_shape_are_refused_with_both_shapes(robot: Robot) -> None:
     loop = make_loop(robot, 3)
     for actions, shape in ((np.zeros((3, 10)), "(3, 10)"), (np.zeros(11), "(11,)"), (np.zeros((2, 11)), "(2, 11)")):

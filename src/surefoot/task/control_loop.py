@@ -238,10 +238,14 @@ class ControlLoop:
 
     def _shake(self, ids: np.ndarray | None) -> np.ndarray | None:
         """Noise of the joint targets for one policy step (n, num_joints) [rad]; None if nobody has any."""
-        if not self.imperfect.any():
-            return None
         robots = self._everyone if ids is None else ids
-        return self._action_noise.add(robots, np.zeros((len(robots), self.robot.num_joints)))
+        imperfect = np.flatnonzero(self.imperfect[robots])
+        if not len(imperfect):
+            return None
+        shake = np.zeros((len(robots), self.robot.num_joints))
+        # A robot that is perfect again since its reset still has the generator of its last noise.
+        shake[imperfect] = self._action_noise.add(robots[imperfect], shake[imperfect])
+        return shake
 
     def _advance(
         self, ids: np.ndarray | None, ticks: slice, goal: np.ndarray, path: str, shake: np.ndarray | None = None
