@@ -31,6 +31,8 @@ from surefoot.robots import load_robot
 from surefoot.viewer.clip import SIZE, ClipRecorder, save_clip
 from surefoot.viewer.session import Session
 
+pytestmark = pytest.mark.slow
+
 VALKYRIE = load_robot("valkyrie")
 
 

@@ -22,6 +22,8 @@ from surefoot.report.ablations import ablation_table
 from surefoot.report.thresholds import root_pushes
 from surefoot.robots import load_robot
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parent.parent
 THRESHOLDS = ROOT / "results" / "thresholds.csv"
 

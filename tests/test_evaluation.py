@@ -19,6 +19,8 @@ from surefoot.evaluation.scenarios import Line, Scenario
 from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold, wilson_interval
 from surefoot.evaluation.trials import Trial, run_list
 
+pytestmark = pytest.mark.slow
+
 FORWARD, LEFT = push_lines()[:2]
 Fails = Callable[[int, int, bool], bool]
 """(cell, seed, whole) -> does the trial fail?"""

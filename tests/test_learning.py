@@ -27,6 +27,8 @@ from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
 from surefoot.task.gymnasium_env import PushRecoveryEnv
 from surefoot.task.random_pushes import DisturbanceConfig
 
+pytestmark = pytest.mark.slow
+
 ALGORITHMS = ("trpo", "ppo", "ddpg")
 
 

@@ -22,6 +22,8 @@ from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource
 from surefoot.viewer.verdict import State
 
+pytestmark = pytest.mark.slow
+
 SIZE = {"width": 900, "height": 560}
 """Small, because the processor draws it."""
 

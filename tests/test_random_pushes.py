@@ -337,5 +337,5 @@ def test_the_same_seed_draws_the_same_pushes_and_another_does_not(robot: Robot) 
 def test_an_unknown_body_is_answered_with_the_known_ones(robot: Robot) -> None:
     with pytest.raises(UserError) as error:
         random_pushes(robot, 1, bodies=("root", "knee"))
-    valid = "root, torso, left_thigh, right_thigh, left_shank, right_shank"
+    valid = "pelvis, torso, left_thigh, right_thigh, left_shank, right_shank"
     assert str(error.value) == f"unknown body 'knee' of valkyrie; valid: {valid}"

@@ -36,6 +36,8 @@ from surefoot.robots import Robot
 from surefoot.task.agent import Agent
 from surefoot.task.contract import Contract
 
+pytestmark = pytest.mark.slow
+
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
 )

@@ -20,6 +20,8 @@ from surefoot.learning.preset_file import preset
 from surefoot.learning.run_folder import discard_beginning
 from surefoot.learning.schedule import Progress
 
+pytestmark = pytest.mark.slow
+
 SHIPPED = importlib.resources.files("surefoot.agents") / "shipped" / "ppo.onnx"
 SCENARIOS = (Scenario("quick", search="", directions=2, impulse=12.0, trials=1, horizon=2.0, quiet_from=0.0),)
 

@@ -202,6 +202,7 @@ def test_the_audit_is_the_largest_share_of_all_trials(tmp_path: Path) -> None:
 # Killed, and taken up again.
 
 
+@pytest.mark.slow
 def test_a_killed_evaluation_loses_at_most_the_last_moment_and_goes_on(tmp_path: Path) -> None:
     """Kill the process with SIGKILL in the middle: what it had committed is there and is not run again."""
     path = tmp_path / "r.sqlite"

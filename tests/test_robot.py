@@ -283,7 +283,7 @@ def test_an_unknown_pose_is_answered_with_the_known_ones(robot: Robot) -> None:
 def test_an_unknown_body_is_answered_with_the_known_ones(robot: Robot) -> None:
     with pytest.raises(UserError) as error:
         robot.body_id("head")
-    valid = "root, pelvis, torso, left_thigh, right_thigh, left_shank, right_shank"
+    valid = "pelvis, torso, left_thigh, right_thigh, left_shank, right_shank"
     assert str(error.value) == f"unknown body 'head' of valkyrie; valid: {valid}"
 
 

@@ -23,6 +23,8 @@ from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.train import Trainer, train
 from surefoot.task.environment import EnvConfig
 
+pytestmark = pytest.mark.slow
+
 ALGORITHMS = ("trpo", "ppo", "ddpg")
 
 

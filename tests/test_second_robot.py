@@ -39,6 +39,7 @@ def test_it_survives_a_small_push_and_falls_after_a_large_one(tiptoe: Robot) -> 
     assert outcomes[large].reason == "fell"
 
 
+@pytest.mark.slow
 def test_its_thresholds_lie_on_its_own_grid(tiptoe: Robot) -> None:
     scenario = Scenario("root_push", directions=("forward", "left"))
     found = run_scenarios(NominalAgent(tiptoe), [scenario], num_slots=64)
@@ -58,7 +59,8 @@ def test_it_is_learned_on_and_its_policy_knows_the_robot(tmp_path: Path, tiptoe:
     assert policy.contract.robot == str(TIPTOE)
     assert policy.contract.joints == tiptoe.joint_names
     push = trial(0.36)
-    assert run_list(policy, [push], num_slots=1, num_threads=1)[push].reason in ("recovered", "restless", "fell")
+    # A new network holds the nominal pose, and has learned for two seconds: it still stands after a small push.
+    assert run_list(policy, [push], num_slots=1, num_threads=1)[push].reason == "recovered"
 
 
 def test_it_is_drawn_with_its_stl_mesh(tiptoe: Robot) -> None:

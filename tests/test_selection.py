@@ -27,6 +27,8 @@ from surefoot.robots import load_robot
 from surefoot.task.contract import Contract
 from surefoot.task.environment import PushRecoveryVectorEnv
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_validation_uses_trials_that_the_evaluation_never_sees() -> None:
     with mock.patch("surefoot.learning.validation.run_list", wraps=run_list) as runner:

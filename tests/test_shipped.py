@@ -8,6 +8,8 @@ from surefoot.agents.load import load_policy, shipped_policies
 from surefoot.learning.selection import FIRST_ROUND
 from surefoot.learning.validation import validate
 
+pytestmark = pytest.mark.slow
+
 ROUNDING = 0.04
 """Another processor rounds otherwise, and a trial near the edge may end otherwise: 5 of 120."""
 

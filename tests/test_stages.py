@@ -17,6 +17,8 @@ from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.selection import files
 from surefoot.learning.stages import begin_stages, has_stages, read_stages, run_folders
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def small_presets(monkeypatch: pytest.MonkeyPatch) -> None:

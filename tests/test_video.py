@@ -25,6 +25,8 @@ from surefoot.rendering.renderer import Renderer
 from surefoot.rendering.strip import filmstrip
 from surefoot.rendering.words import push_words
 
+pytestmark = pytest.mark.slow
+
 FALL = Trial(Push(impulse=240.0), seed=3)
 STAY = Trial(Push(impulse=24.0), seed=3, full_length=False)
 

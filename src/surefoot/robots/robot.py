@@ -150,6 +150,12 @@ class Robot:
             raise UserError(f"unknown pose '{name}' of {self.name}; valid: {', '.join(self.poses)}")
         return self.poses[name]
 
+    @property
+    def body_words(self) -> tuple[str, ...]:
+        """The words for pushable bodies that people choose from: "root" only if the root has no other word."""
+        own = [word for word, body in self.pushable.items() if word != "root" and body == self.root]
+        return tuple(word for word in self.pushable if word != "root" or not own)
+
     def pushed_body(self, word: str) -> str:
         """The body that is pushed under a word.
 
@@ -157,7 +163,7 @@ class Robot:
             UserError: the robot has no such pushable body.
         """
         if word not in self.pushable:
-            raise UserError(f"unknown body '{word}' of {self.name}; valid: {', '.join(self.pushable)}")
+            raise UserError(f"unknown body '{word}' of {self.name}; valid: {', '.join(self.body_words)}")
         return self.pushable[word]
 
     def body_id(self, word: str) -> int:
