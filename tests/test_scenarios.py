@@ -266,7 +266,7 @@ def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "fault"),
     [
-        ('body = "knee"', "unknown body 'knee' of valkyrie; valid: root, "),
+        ('body = "knee"', "unknown body 'knee' of valkyrie; valid: pelvis, "),
         ("duration = -0.1", "duration must be a number from 0.002 to 5, not -0.1"),
         ("duration = 0.0", "duration must be a number from 0.002 to 5, not 0.0"),
         ("impulse = nan", "impulse must be a number from 0 to 2000, not nan"),
