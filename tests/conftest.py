@@ -10,6 +10,7 @@ from pathlib import Path
 # As surefoot.learning does: before any test file loads torch, whose waiting threads would starve the other workers.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+
 import mujoco
 import numpy as np
 import pytest
@@ -26,6 +27,9 @@ from surefoot.rates import TICKS_PER_STEP
 from surefoot.robots import Robot, load_robot
 from surefoot.task.agent import Agent, Command
 from surefoot.task.control_loop import ControlLoop
+from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
+from surefoot.task.random_pushes import DisturbanceConfig
+from surefoot.task.reward import RewardContext
 
 TOTAL_MASS = 137.287494
 """Of NASA's description [kg]."""
@@ -247,3 +251,63 @@ def altered(robot: Robot) -> Callable[..., StepRecord]:
 def in_scratch_folder(tmp_path, monkeypatch) -> None:
     """MuJoCo writes MUJOCO_LOG.TXT into the working folder when a robot diverges."""
     monkeypatch.chdir(tmp_path)
+
+
+NO_PUSH = DisturbanceConfig(impulse=(0.0, 0.0))
+
+
+def make_env(num_envs: int, num_threads: int = 1, **config: object) -> PushRecoveryVectorEnv:
+    return PushRecoveryVectorEnv(num_envs, EnvConfig(**{"robot": "valkyrie", **config}), num_threads)
+
+
+class Memory(dict):
+    """A store in memory that knows which scenario asked."""
+
+    def __init__(self) -> None:
+        self.scenarios: dict[Trial, str] = {}
+
+    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None:
+        self[trial] = outcome
+        self.scenarios[trial] = scenario
+
+
+WEIGHT = 137.287494 * 9.806651  # 1346.33 N
+
+LEFT_SOLE, RIGHT_SOLE = (0.0, 0.14, 0.0), (0.0, -0.14, 0.0)
+HEIGHT = 1.1
+
+
+@pytest.fixture(scope="module")
+def perfect(standing: StepRecord, altered: Callable[..., StepRecord]) -> StepRecord:
+    """Standing perfectly still at the origin, weight on both feet, CoM 1.1 m over their middle."""
+    upright = (0.0, 0.0, 1.0)
+    return altered(
+        standing,
+        com_position=(0.0, 0.0, HEIGHT),
+        com_velocity=0.0,
+        root_up=upright,
+        torso_up=upright,
+        left_sole_position=LEFT_SOLE,
+        right_sole_position=RIGHT_SOLE,
+        left_foot_contact=contact(standing, 0.5 * WEIGHT, LEFT_SOLE),
+        right_foot_contact=contact(standing, 0.5 * WEIGHT, RIGHT_SOLE),
+        ground_contact=8.0,
+        joint_velocity=0.0,
+        joint_torque=0.0,
+    )
+
+
+def contact(ticks: StepRecord, force: float, point: tuple[float, float, float]) -> np.ndarray:
+    """A foot's contact sensor: found, force (3), torque (3), point (3), and what follows."""
+    values = np.zeros(ticks["left_foot_contact"].shape[-1])
+    values[0], values[3], values[7:10] = 4.0 * (force > 0), force, point
+    return values
+
+
+def context(**weights: float) -> RewardContext:
+    return RewardContext(HEIGHT, penalty_weights=weights)
+
+
+def still(ticks: StepRecord) -> StepRecord:
+    """The first tick, for a whole policy step."""
+    return StepRecord.join([ticks.ticks(slice(0, 1))] * TICKS_PER_STEP)

@@ -109,7 +109,7 @@ def test_robots_that_are_driven_apart_move_as_those_that_are_driven_together(rob
 def test_a_network_may_decide_more_often_than_at_25_hz(robot: Robot) -> None:
     agent = Sick(robot, "", "observation", 100)
     loop = driven_loop(agent)
-    loop.spoil(0, Imperfections(observation_noise=0.1, latency=0.01), seed=0)
+    loop.set_imperfections(0, Imperfections(observation_noise=0.1, latency=0.01), seed=0)
     moved = motion(loop, 3)
     assert agent.num_calls == 12
     assert moved.shape[1] == 60

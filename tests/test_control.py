@@ -183,17 +183,17 @@ def test_a_first_push_and_another_add_up_and_reset_cancels_both(robot: Robot) ->
 # Imperfections.
 
 
-def spoiled_loop(robot: Robot, imperfections: Imperfections, seed: int = 3, **options: float) -> ControlLoop:
+def imperfect_loop(robot: Robot, imperfections: Imperfections, seed: int = 3, **options: float) -> ControlLoop:
     """Two bent robots at rest at 50 m, the second of them imperfect."""
     loop = make_loop(robot, 2, **options)
     loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=50.0)
-    loop.spoil(1, imperfections, seed)
+    loop.set_imperfections(1, imperfections, seed)
     return loop
 
 
 @pytest.mark.parametrize("latency_ms", [0, 2, 14, 40])
 def test_latency_shifts_the_targets_by_exactly_its_ticks(robot: Robot, latency_ms: int) -> None:
-    loop = spoiled_loop(robot, Imperfections(latency=latency_ms / 1000))
+    loop = imperfect_loop(robot, Imperfections(latency=latency_ms / 1000))
     actions = np.random.default_rng(0).uniform(-0.02, 0.02, (6, 1, 11))
     targets = np.concatenate([targets_of(loop.step(np.tile(action, (2, 1)))) for action in actions], axis=1)
     num_ticks = latency_ms // 2
@@ -214,7 +214,7 @@ def observed(loop: ControlLoop, num_steps: int) -> np.ndarray:
 
 
 def test_observation_noise_is_added_at_every_tick_before_the_filter(robot: Robot) -> None:
-    noise = observed(spoiled_loop(robot, Imperfections(observation_noise=0.5)), 150)[2:]
+    noise = observed(imperfect_loop(robot, Imperfections(observation_noise=0.5)), 150)[2:]
     # White noise through y[k] = b0 (x[k] + x[k-1]) - a1 y[k-1] has sum h^2 = b0^2 (1 + (1 - a1)^2 / (1 - a1^2)) = b0
     # of its variance, with b0 = 0.0592 at 10 of 500 Hz: 0.5 * 0.2433 = 0.1217.
     b0 = butter(1, 10.0, fs=500.0)[0][0]
@@ -226,19 +226,19 @@ def test_observation_noise_is_added_at_every_tick_before_the_filter(robot: Robot
 
 
 def test_a_bias_is_the_same_throughout_and_the_seeds_own(robot: Robot) -> None:
-    loop = spoiled_loop(robot, Imperfections(sensor_bias=0.1))
+    loop = imperfect_loop(robot, Imperfections(sensor_bias=0.1))
     first = loop.observation[1] - loop.observation[0]
     bias = observed(loop, 20)
     np.testing.assert_allclose(bias, np.tile(first, (20, 1)), atol=1e-12)
     in_deviations = bias[-1] / observation.scales(robot)
     assert in_deviations.std() == pytest.approx(0.1, rel=4 / np.sqrt(2 * 47))
-    again, other = (observed(spoiled_loop(robot, Imperfections(sensor_bias=0.1), seed), 20)[-1] for seed in (3, 4))
+    again, other = (observed(imperfect_loop(robot, Imperfections(sensor_bias=0.1), seed), 20)[-1] for seed in (3, 4))
     np.testing.assert_allclose(again, bias[-1], atol=1e-12)
     assert (other != bias[-1]).all()
 
 
 def test_action_noise_is_in_rad_and_new_at_every_policy_step(robot: Robot) -> None:
-    loop = spoiled_loop(robot, Imperfections(action_noise=0.004), action_scale=0.2)
+    loop = imperfect_loop(robot, Imperfections(action_noise=0.004), action_scale=0.2)
     noise = []
     for _ in range(60):
         both = targets_of(loop.step(np.full((2, 11), 0.05)))
@@ -254,7 +254,7 @@ def test_action_noise_is_in_rad_and_new_at_every_policy_step(robot: Robot) -> No
 def test_action_noise_never_asks_for_more_than_a_joints_range(robot: Robot) -> None:
     loop = make_loop(robot, 1, "straight")
     loop.reset(np.array([0]), np.zeros((1, 11)), height=50.0)
-    loop.spoil(0, Imperfections(action_noise=5.0), seed=0)
+    loop.set_imperfections(0, Imperfections(action_noise=5.0), seed=0)
     for _ in range(10):
         loop.step(np.zeros((1, 11)))
         assert (loop.engine.joint_targets >= robot.joint_lower - 1e-12).all()
@@ -277,25 +277,25 @@ def test_a_perfect_robot_beside_an_imperfect_one_moves_as_one_alone(robot: Robot
     alone = make_loop(robot, 1)
     alone.reset(np.array([0]), robot.pose("bent")[None], height=50.0)
     expected = stepped(alone, np.array([0]), 0)
-    loop = spoiled_loop(robot, ROUGH)
-    loop.spoil(0, PERFECT, seed=8)
+    loop = imperfect_loop(robot, ROUGH)
+    loop.set_imperfections(0, PERFECT, seed=8)
     for found, wanted in zip(stepped(loop, np.array([0, 1]), 0), expected, strict=True):
         np.testing.assert_array_equal(found, wanted)
-    imperfect = stepped(spoiled_loop(robot, ROUGH), np.array([0, 1]), 1)
+    imperfect = stepped(imperfect_loop(robot, ROUGH), np.array([0, 1]), 1)
     assert (imperfect[1] != expected[1]).all()
 
 
 def test_an_imperfect_robot_moves_as_one_alone(robot: Robot) -> None:
     alone = make_loop(robot, 1)
     alone.reset(np.array([0]), robot.pose("bent")[None], height=50.0)
-    alone.spoil(0, ROUGH, seed=3)
+    alone.set_imperfections(0, ROUGH, seed=3)
     expected = stepped(alone, np.array([0]), 0)
-    for found, wanted in zip(stepped(spoiled_loop(robot, ROUGH), np.array([0, 1]), 1), expected, strict=True):
+    for found, wanted in zip(stepped(imperfect_loop(robot, ROUGH), np.array([0, 1]), 1), expected, strict=True):
         np.testing.assert_array_equal(found, wanted)
 
 
 def test_reset_makes_a_robot_perfect_again(robot: Robot) -> None:
-    loop = spoiled_loop(robot, ROUGH)
+    loop = imperfect_loop(robot, ROUGH)
     stepped(loop, np.array([0, 1]), 1)
     loop.reset(np.arange(2), np.tile(robot.pose("bent"), (2, 1)), height=50.0)
     for _ in range(5):
@@ -305,8 +305,8 @@ def test_reset_makes_a_robot_perfect_again(robot: Robot) -> None:
 
 
 def test_reset_makes_a_robot_perfect_again_beside_one_that_stays_imperfect(robot: Robot) -> None:
-    loop, pose = spoiled_loop(robot, ROUGH), robot.pose("bent")[None]
-    loop.spoil(0, ROUGH, seed=4)
+    loop, pose = imperfect_loop(robot, ROUGH), robot.pose("bent")[None]
+    loop.set_imperfections(0, ROUGH, seed=4)
     loop.reset(np.array([0]), pose, height=50.0)
     alone = make_loop(robot, 1)
     alone.reset(np.array([0]), pose, height=50.0)

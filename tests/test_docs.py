@@ -27,7 +27,6 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parent.parent
 THRESHOLDS = ROOT / "results" / "thresholds.csv"
 
-
 TABLE = re.compile(
     r"<!-- (?P<name>[^:\n]+): (?P<command>surefoot table .* --markdown) -->\n(?P<text>.*?)<!-- end of (?P=name) -->",
     re.DOTALL,

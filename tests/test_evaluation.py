@@ -7,21 +7,21 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from conftest import an_outcome
+from conftest import Memory, an_outcome
 
 from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
-from surefoot.errors import UserError
 from surefoot.evaluation import threshold_search as climb
-from surefoot.evaluation.evaluate import _Search, find_thresholds, full_length_outcomes, push_lines, run_scenarios
+from surefoot.evaluation.evaluate import _Search, find_thresholds, full_length_outcomes, push_lines
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenarios import Line, Scenario
 from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold, wilson_interval
-from surefoot.evaluation.trials import Trial, run_list
+from surefoot.evaluation.trials import Trial
 
 pytestmark = pytest.mark.slow
 
 FORWARD, LEFT = push_lines()[:2]
+
 Fails = Callable[[int, int, bool], bool]
 """(cell, seed, whole) -> does the trial fail?"""
 
@@ -48,17 +48,6 @@ class KnownOutcomes:
 
     def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None:
         raise AssertionError("a known trial was run again")
-
-
-class Memory(dict):
-    """A store in memory that knows which scenario asked."""
-
-    def __init__(self) -> None:
-        self.scenarios: dict[Trial, str] = {}
-
-    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None:
-        self[trial] = outcome
-        self.scenarios[trial] = scenario
 
 
 def threshold_where(fails: Fails, line: Line = FORWARD) -> tuple[float, KnownOutcomes]:
@@ -117,9 +106,6 @@ def test_seeds_that_failed_elsewhere_are_tried_first() -> None:
     # In order the third weak seed would be the 37th trial of each of the cells 40 to 3: 38 * 37 = 1406 trials.
     assert len(judged) < 600
     assert judged.count(2) == 40
-
-
-# The one definition of success.
 
 
 def test_a_policy_that_survives_everything_up_to_120_ns_is_worth_120() -> None:
@@ -209,9 +195,6 @@ def test_lines_are_evenly_spaced_and_named() -> None:
     np.testing.assert_allclose(np.diff([line.angle for line in sixteen]), np.pi / 8)
 
 
-# Heights, tilts and steps.
-
-
 def test_a_height_is_searched_in_steps_of_5_cm() -> None:
     (line,) = Scenario("landing_height", search="height", directions=1).lines()
     height, store = threshold_where(lambda cell, seed, whole: cell > 11, line)
@@ -242,9 +225,6 @@ def test_two_lines_that_need_the_same_trials_run_them_once_and_judge_each_by_its
         arena = Arena(lines, steps_from_36_ns, num_slots, store=Memory())
         assert [threshold.size for threshold in arena.thresholds] == [120.0, 30.0]
         assert len(arena.begun) == len(set(arena.begun))
-
-
-# The order of work.
 
 
 def rough(cell: int, seed: int, whole: bool) -> bool:
@@ -321,59 +301,3 @@ def test_a_search_that_is_taken_up_again_repeats_nothing_and_ends_alike() -> Non
     assert resumed.thresholds == whole.thresholds
     assert not before & set(resumed.begun)
     assert Arena([FORWARD, LEFT], by_rule(rough), 16, store=store).begun == []
-
-
-# On the real robot.
-
-
-def test_holding_the_nominal_pose_rejects_what_its_own_trials_say() -> None:
-    """At the threshold found, 40 fresh runs of the whole trials recover as often as reported."""
-    policy, backward = NominalAgent(usual_robot(), "straight"), Scenario("short", horizon=3.0).lines()[2]
-    (threshold,) = find_thresholds(policy, [backward], num_slots=32)
-    assert 0.0 < threshold.size < 60.0
-    cell = round(threshold.size / backward.grid)
-    trials = [backward.trial(cell, seed, full_length=True) for seed in range(NUM_FULL_LENGTH)]
-    outcomes = run_list(policy, trials, num_slots=40)
-    assert sum(outcome.recovered for outcome in outcomes.values()) == threshold.recovered >= 38
-
-
-def test_a_scenario_without_a_search_runs_exactly_its_trials() -> None:
-    fixed = Scenario("hard", search="", impulse=400.0, directions=("left", 30.0), trials=2)
-    store, told = Memory(), []
-    thresholds = run_scenarios(
-        NominalAgent(usual_robot()), [fixed], store, lambda *progress: told.append(progress[:2]), num_slots=4
-    )
-    assert thresholds == []
-    assert set(store) == {trial for line in fixed.lines() for trial in line.fixed_trials()}
-    assert sorted((round(trial.push.direction[0], 3), trial.seed) for trial in store) == [
-        (0.0, 0), (0.0, 1), (0.866, 0), (0.866, 1)
-    ]  # fmt: skip
-    assert {outcome.reason for outcome in store.values()} == {"fell"}
-    assert set(store.scenarios.values()) == {"hard"}
-    # One after the other; both lines are through at the end.
-    assert [num_trials for num_trials, _ in told] == [1, 2, 3, 4]
-    assert told[-1] == (4, 2)
-
-
-def test_scenarios_of_different_worlds_run_each_in_its_own() -> None:
-    policy = NominalAgent(usual_robot())
-    strong, weak = (
-        Scenario(name, search="", impulse=400.0, directions=1, trials=1, motor_strength=strength)
-        for name, strength in (("strong", 1.0), ("weak", 0.5))
-    )
-    store = Memory()
-    run_scenarios(policy, [strong, weak, strong], store, num_slots=2, num_threads=1)
-    assert sorted(store.scenarios.values()) == ["strong", "weak"]
-    for trial, outcome in store.items():
-        alone = run_list(policy, [trial], num_slots=1, domain=trial.domain)[trial]
-        assert repr(outcome) == repr(alone)
-    torque = {store.scenarios[trial]: max(outcome.torque_peaks) for trial, outcome in store.items()}
-    assert torque == {"strong": 350.0, "weak": 175.0}
-
-
-def test_a_trial_for_another_world_is_refused() -> None:
-    (trial,) = Scenario("ice", search="", directions=1, trials=1, friction=0.1).lines()[0].fixed_trials()
-    with pytest.raises(
-        UserError, match=r"a trial has other domain parameters than this batch's, DomainParameters\(friction=1.0"
-    ):
-        run_list(NominalAgent(usual_robot()), [trial], num_slots=1, num_threads=1)

@@ -28,7 +28,6 @@ RANGES = {
     "ankle_roll": (-0.4, 0.4),
 }
 
-
 LEG_MASS = {"hip": 3.665, "thigh": 10.2, "shank": 6.2, "ankle": 0.03, "foot": 2.27 + 0.1}
 # 39.47 torso + 0.1 pitch link + 1.05 + 1.4 + 3.89 neck + 1.41984 head + 0.057654 lidar
 # + 2 arms of 2.65 + 3.97 + 3.085 + 6.03

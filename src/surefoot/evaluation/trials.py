@@ -206,7 +206,7 @@ class _Arena:
         )
         begin = np.array(begins)
         for slot, trial, tick in zip(slots.tolist(), trials, begin.tolist(), strict=True):
-            self.loop.spoil(slot, trial.imperfections, trial.seed)
+            self.loop.set_imperfections(slot, trial.imperfections, trial.seed)
             for place, push in enumerate(trial.pushes):
                 self._schedule(slot, place, push, tick)
         self.monitor.reset(

@@ -79,8 +79,7 @@ def polar_map(
         for name, points in thresholds.items():
             _draw_closed(axes, points, color_of(name, names), _MARKERS[names.index(name) % len(_MARKERS)], name)
         for name, points in paper.items():
-            angles, impulses = np.array(points).T
-            axes.plot(angles, impulses, **_hollow(color_of(name, names)))
+            axes.plot(*np.array(points).T, **_hollow(color_of(name, names)))
         if paper:
             axes.plot([], [], **_hollow(GREY), label="the paper")
         highest = max(ns for points in [bound, *thresholds.values(), *paper.values()] for _, ns in points)

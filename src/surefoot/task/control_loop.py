@@ -141,7 +141,7 @@ class ControlLoop:
             self._guard.reset(ids)
         return start
 
-    def spoil(self, robot: int, imperfections: Imperfections, seed: int) -> None:
+    def set_imperfections(self, robot: int, imperfections: Imperfections, seed: int) -> None:
         """Give one robot imperfections, right after its reset; `seed` draws its noise and its bias."""
         bias, observation_noise, action_noise = np.random.default_rng(seed).spawn(3)
         self._bias[robot] = imperfections.sensor_bias * self._scales * bias.standard_normal(len(self._scales))

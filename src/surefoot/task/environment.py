@@ -245,7 +245,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         seeds = self.generator.integers(2**31, size=len(ids))
         for robot, share, seed in zip(ids, size, seeds, strict=True):
             noise = Imperfections(share * self.config.observation_noise, share * self.config.action_noise)
-            self.loop.spoil(robot, noise, int(seed))
+            self.loop.set_imperfections(robot, noise, int(seed))
 
 
 def _at(progress: float, schedule: Schedule) -> float:

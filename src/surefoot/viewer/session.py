@@ -93,7 +93,7 @@ class Session:
         noise = self._rng.uniform(-JOINT_NOISE, JOINT_NOISE, (len(ids), self.robot.num_joints))
         joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
         start = self.loop.reset(ids, joints, height=height)
-        self._spoil(ids)
+        self._set_imperfections(ids)
         self.verdicts.reset(ids)
         self._watch.reset(ids, start)
         self._begin[ids] = NEVER
@@ -130,7 +130,7 @@ class Session:
     def set_noise(self, share: float) -> None:
         """A share of the paper's noise from now on."""
         self.noise = share
-        self._spoil(self.everyone)
+        self._set_imperfections(self.everyone)
 
     def set_policy(self, policy: Agent) -> None:
         """Go on with another policy for the same robot, in the middle of whatever is happening.
@@ -229,10 +229,10 @@ class Session:
         self.pushes.schedule(ids, slot, body, push.impulse * np.array(push.direction), begin, push.duration)
         self._disturb(ids, begin, begin + round(push.duration * CONTROL_HZ))
 
-    def _spoil(self, ids: np.ndarray) -> None:
+    def _set_imperfections(self, ids: np.ndarray) -> None:
         imperfections = Imperfections(self.noise * PAPER_NOISE.observation_noise, self.noise * PAPER_NOISE.action_noise)
         for robot in ids.tolist():
-            self.loop.spoil(robot, imperfections, int(self._rng.integers(2**31)))
+            self.loop.set_imperfections(robot, imperfections, int(self._rng.integers(2**31)))
 
     def _tell_failures(self) -> None:
         """Tell once of every robot that the policy has failed; its joints hold their last targets until its reset."""
