@@ -117,7 +117,11 @@ class Controls:
             hint="degrees, as the robot sees it",
         )
         self._impulse = gui.add_slider(
-            "Impulse [Ns]", min=step, max=_LARGEST_IMPULSE * step, step=step, initial_value=_FIRST_IMPULSE * step
+            "Impulse [Ns]",
+            min=step,
+            max=round(_LARGEST_IMPULSE * step, 2),
+            step=step,
+            initial_value=round(_FIRST_IMPULSE * step, 2),
         )
         self._duration = gui.add_slider("Duration [s]", min=0.02, max=1.0, step=0.02, initial_value=0.12)
         button = gui.add_button("Push", icon=viser.Icon.HAND_MOVE, color=(226, 88, 24))

@@ -116,7 +116,7 @@ def legend_html() -> str:
     marks = (
         (PUSH, "push"),
         (FORCE, "foot force"),
-        (COM, "CoM, also on the ground"),
+        (COM, "CoM"),
         (PRESSURE, "centre of pressure"),
         (CAPTURED, "capture point, captured"),
         (SUPPORT, "support polygon"),
