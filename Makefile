@@ -30,7 +30,7 @@ check: $(READY)
 test: $(READY)
 	$(BIN)/pytest -n 2
 
-# Without the tests that are marked slow: those that learn, open a browser, build a wheel or run whole suites.
+# Without the tests that are marked slow: those that learn, open a browser, build a wheel, run commands or whole suites.
 test-fast: $(READY)
 	$(BIN)/pytest -n 2 -m "not slow"
 

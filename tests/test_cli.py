@@ -16,6 +16,8 @@ from surefoot.cli.main import COMMANDS
 from surefoot.robots import Robot, load_robot
 from surefoot.task.contract import Contract
 
+pytestmark = pytest.mark.slow
+
 
 def surefoot(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "surefoot", *arguments]
@@ -104,7 +106,6 @@ def policy_of_another_robot() -> bytes:
     return network_bytes(layers, np.zeros(47), np.ones(47), False, Contract.from_json(text))
 
 
-@pytest.mark.slow
 def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard_error(tmp_path: Path) -> None:
     done = surefoot("evaluate", "nominal", "--json", "-", "--export", "trials.csv", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
