@@ -26,7 +26,7 @@ class Demo:
     out: Path = Path("runs/demo")
     """Folder for the run, its results and its pictures."""
     seed: int = 0
-    """Seed of everything random."""
+    """Seed of every random number that is drawn."""
 
     def main(self) -> None:
         """Learn, evaluate and draw."""

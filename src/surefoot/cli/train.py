@@ -39,7 +39,7 @@ class Train:
     steps: int | None = None
     """Budget in policy steps, of each stage if there are several; a run ends with the first budget that is used up."""
     seed: int = 0
-    """Seed of everything random."""
+    """Seed of every random number that is drawn."""
     resume: Path | None = None
     """Go on with the run in this folder instead of starting one."""
     warm_start: Path | None = None
@@ -199,7 +199,7 @@ class Ablate:
     steps: int = 250_000
     """Policy steps of each run, the first of the preset's schedule."""
     seed: int = 0
-    """Seed of everything random."""
+    """Seed of every random number that is drawn."""
     out: Path = Path("runs/ablations")
     """Folder of the run folders."""
     export: Path | None = None

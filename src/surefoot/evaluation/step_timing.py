@@ -11,14 +11,14 @@ ALONE = Trial(Push(impulse=60.0), seed=0)
 """The trial in which a controller is timed with a single robot, as on the real one."""
 
 
-def measure(contestant: ControllerAgent) -> Timing:
+def measure(agent: ControllerAgent) -> Timing:
     """The times of all trials so far, and of one more with a single robot."""
-    batch = contestant.times
-    failures = ", ".join(f"{count} x {words}" for words, count in contestant.failures.most_common())
-    single = contestant.anew()
+    batch = agent.times
+    failures = ", ".join(f"{count} x {words}" for words, count in agent.failures.most_common())
+    single = agent.anew()
     run_list(single, [ALONE], num_slots=1, num_threads=1)
     alone = single.times
     return Timing(
-        contestant.rate_hz, batch.num_steps, batch.num_missed, batch.quantile(0.5), batch.quantile(0.99),
+        agent.rate_hz, batch.num_steps, batch.num_missed, batch.quantile(0.5), batch.quantile(0.99),
         alone.num_steps, alone.num_missed, alone.quantile(0.5), alone.quantile(0.99), failures,
     )  # fmt: skip

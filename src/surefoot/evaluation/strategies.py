@@ -47,10 +47,6 @@ REFERENCE_S = PROTOCOL.reference_time
 HABIT = PROTOCOL.habit_factor
 LOST_DEG = PROTOCOL.lost_tilt_deg
 
-STEP_LENGTH = PROTOCOL.step_length
-"""The distance that tells a step, and a recovery with a step from one without [m]."""
-LOADED_FORCE = PROTOCOL.loaded_force
-"""Above it a foot carries load [N], a seventh of what it does at rest."""
 DEBOUNCE_S = PROTOCOL.debounce_time
 """A foot has left the floor once it has been light for this time, and landed once it has been loaded for it [s]."""
 

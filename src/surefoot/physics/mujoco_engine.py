@@ -49,7 +49,7 @@ class MujocoEngine:
         num_diverged: how many have, ever.
     """
 
-    name = f"mujoco {mujoco.__version__}"
+    name = ENGINE_NAME
 
     def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0, domain: DomainParameters = NOMINAL_DOMAIN):
         self.robot = robot

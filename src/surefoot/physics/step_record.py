@@ -67,16 +67,11 @@ def record_layout(robot: Robot) -> dict[str, slice]:
     return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
 
-def record_size(robot: Robot) -> int:
-    """Number of columns of the record of a tick."""
-    return max(columns.stop for columns in record_layout(robot).values())
-
-
 class StepRecord:
     """Named quantities of some ticks of some robots: arrays (num_robots, num_ticks, ...), computed when asked for.
 
     Args:
-        record: (num_robots, num_ticks, `record_size`) float64, laid out as `record_layout` says.
+        record: (num_robots, num_ticks, num_columns) float64, laid out as `record_layout` says.
     """
 
     def __init__(self, robot: Robot, record: np.ndarray):
