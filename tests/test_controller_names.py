@@ -38,14 +38,33 @@ def test_an_unknown_controller_is_refused(name: str, message: str) -> None:
     assert str(error.value).startswith(message)
 
 
+MADE = "class Mine:\n def __init__(self, robot, num_robots): pass\n"
+
+
 @pytest.mark.parametrize(
     ("code", "message"),
     [
         ("import nothing_of_the_kind", "cannot import {}: ModuleNotFoundError: No module named 'nothing_of_the_kind'"),
         ("class Other: rate_hz = 100", "{} has no class 'Mine'"),
-        ("class Mine: rate_hz = 60", "{}:Mine must have a rate_hz of 25, 50, 100, 125, 250, 500, not 60"),
-        ("class Mine: pass", "{}:Mine must have a rate_hz of 25, 50, 100, 125, 250, 500, not None"),
-        ("class Mine:\n rate_hz = 50\n path = 'zigzag'", "{}:Mine's path must be cubic or line or hold, not zigzag"),
+        (MADE + " rate_hz = 60", "{}:Mine must have a rate_hz of 25, 50, 100, 125, 250, 500, not 60"),
+        (MADE, "{}:Mine must have a rate_hz of 25, 50, 100, 125, 250, 500, not None"),
+        (MADE + " rate_hz = 50\n path = 'zigzag'", "{}:Mine's path must be cubic or line or hold, not zigzag"),
+        ("class Mine: rate_hz = 50", "{}:Mine cannot be made for valkyrie: TypeError: Mine() takes no arguments"),
+        (MADE + " rate_hz = 50\n pose = 'seated'", "unknown pose 'seated' of valkyrie; valid: straight, bent"),
+        (
+            MADE + " rate_hz = 50\n pose = [0.0, 0.1]",
+            "{}:Mine's pose must be 11 finite angles, one for each joint of valkyrie, or the name of a pose: straight, "
+            "bent",
+        ),
+        (
+            MADE + " rate_hz = 50\n stiffness = [20.0] * 12",
+            "{}:Mine's stiffness must be 11 numbers, one for each joint of valkyrie, not (12,)",
+        ),
+        (MADE + " rate_hz = 50\n stiffness = [0.0] * 11", "{}:Mine's stiffness of torso_pitch must be positive, not 0"),
+        (
+            MADE + " rate_hz = 50\n damping = [1.0] * 10 + [-1.0]",
+            "{}:Mine's damping of right_ankle_roll must be zero or more, not -1",
+        ),
     ],
 )
 def test_a_file_that_holds_no_controller_is_refused(tmp_path: Path, code: str, message: str) -> None:

@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 
-from surefoot.task.agent import Inputs
+from surefoot.task.agent import Gains, Inputs
 from surefoot.task.contract import Contract
 
 
@@ -19,6 +19,7 @@ class ObservingAgent:
     """
 
     inputs: Inputs = "observation"
+    clips_targets: bool = True
 
     def __init__(self, contract: Contract):
         self.contract = contract
@@ -33,6 +34,11 @@ class ObservingAgent:
     def path(self) -> str:
         """How the joints get from one control step's targets to the next one's."""
         return self.contract.target_path
+
+    @property
+    def gains(self) -> Gains:
+        """The joint impedance that it counts on."""
+        return Gains(np.array(self.contract.stiffness), np.array(self.contract.damping))
 
     def prepare(self, num_robots: int) -> None:
         """Get ready for so many robots: there is nothing to do."""

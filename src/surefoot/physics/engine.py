@@ -76,3 +76,7 @@ class Engine(Protocol):
     def set_friction(self, friction: float) -> None:
         """Set the sliding friction coefficient of all robots' feet and floor."""
         ...
+
+    def set_gains(self, stiffness: np.ndarray, damping: np.ndarray) -> None:
+        """Drive all robots' joints by this impedance (num_joints,) [Nm/rad, Nms/rad]; the motors' limits stay."""
+        ...

@@ -18,7 +18,7 @@ from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import Robot
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
-from surefoot.robots.model import FLOOR, compile_model
+from surefoot.robots.model import DAMPING_COLUMN, FLOOR, STIFFNESS_COLUMN, compile_model
 
 _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -73,6 +73,7 @@ class MujocoEngine:
         self.num_diverged = 0
         self._warnings = np.zeros(num_robots, np.int64)
         self._friction: np.ndarray | None = None
+        self._motors: np.ndarray | None = None
 
     def reset(
         self,
@@ -172,6 +173,15 @@ class MujocoEngine:
         if self._friction is None:
             self._friction = self.batch.expand("geom_friction")
         self._friction[..., 0] = friction
+
+    def set_gains(self, stiffness: np.ndarray, damping: np.ndarray) -> None:
+        """Drive all robots' joints by this impedance (num_joints,) [Nm/rad, Nms/rad]; the motors' limits stay."""
+        if self._motors is None:
+            if np.array_equal([stiffness, damping], [self.robot.stiffness, self.robot.damping]):
+                return  # the model has them already
+            self._motors = self.batch.expand("actuator_gainprm").reshape(self.num_robots, self.model.nu, -1)
+        self._motors[..., STIFFNESS_COLUMN] = stiffness
+        self._motors[..., DAMPING_COLUMN] = damping
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:

@@ -13,15 +13,15 @@ import numpy as np
 from surefoot.errors import UserError
 from surefoot.robots.description import Description, lookup, read_description
 from surefoot.robots.geometry import Mirror, find_mirror, joint_groups, leg_length
-from surefoot.robots.model import add_sites, compile_model, read_spec
+from surefoot.robots.model import DAMPING_COLUMN, STIFFNESS_COLUMN, add_sites, compile_model, read_spec
 from surefoot.robots.robot import Robot
 
 SUFFIX = ".toml"
 _LOAD_SHARE = 0.6
 """Share of the weight that is the unit of foot forces where the description gives none."""
 
-# Where the compiler puts the parameters of a `dcmotor` in `actuator_gainprm`.
-_MOTOR_CONSTANT, _STIFFNESS, _DAMPING, _MAX_VOLTAGE = 1, 4, 6, 7
+# Where the compiler puts the other parameters of a `dcmotor` in `actuator_gainprm`.
+_MOTOR_CONSTANT, _MAX_VOLTAGE = 1, 7
 
 
 def shipped_robots() -> tuple[str, ...]:
@@ -67,8 +67,8 @@ def _load(file: Path, name: str) -> Robot:
         joint_groups=joint_groups(joints, mirror.source),
         joint_lower=model.jnt_range[joint_ids, 0].copy(),
         joint_upper=model.jnt_range[joint_ids, 1].copy(),
-        stiffness=motor[:, _STIFFNESS].copy(),
-        damping=motor[:, _DAMPING].copy(),
+        stiffness=motor[:, STIFFNESS_COLUMN].copy(),
+        damping=motor[:, DAMPING_COLUMN].copy(),
         torque_limit=model.actuator_forcerange[:, 1].copy(),
         velocity_limit=motor[:, _MAX_VOLTAGE] / motor[:, _MOTOR_CONSTANT],
         poses={pose: _angles(joints, angles) for pose, angles in description.poses.items()},

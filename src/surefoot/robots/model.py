@@ -17,6 +17,8 @@ SOLES = ("left_sole", "right_sole")
 """Names of the sites at the centres of the soles: left, right."""
 TORSO = "torso_point"
 """Name of the site that stands for the torso's position."""
+STIFFNESS_COLUMN, DAMPING_COLUMN = 4, 6
+"""Where the compiler puts the gains of a motor in `actuator_gainprm`."""
 _VOLTAGE = 48.0
 """MuJoCo's motor model wants one; only ratios of it count."""
 _STALL = 10.0

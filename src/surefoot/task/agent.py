@@ -21,13 +21,25 @@ Inputs = Literal["observation", "state"]
 """What an agent is given of the robots: the filtered observation vector, or their `State`."""
 
 
+class Gains(NamedTuple):
+    """The joint impedance that an agent counts on: u = stiffness (joint_target - q) - damping dq/dt.
+
+    Attributes:
+        stiffness: (num_joints,) [Nm/rad], positive.
+        damping: (num_joints,) [Nms/rad], not negative.
+    """
+
+    stiffness: np.ndarray
+    damping: np.ndarray
+
+
 class Command(NamedTuple):
     """An agent's answer for n robots.
 
     The joints follow u = stiffness (joint_target - q) + joint_torque - damping dq/dt within the motors' limits.
 
     Attributes:
-        joint_target: (n, num_joints) [rad]; the loop clips it to the joint ranges.
+        joint_target: (n, num_joints) [rad]; the loop clips it to the joint ranges if the agent lets it.
         joint_torque: feed-forward torque (n, num_joints) [Nm]; there is none without it.
     """
 
@@ -76,6 +88,16 @@ class Agent(Protocol):
         """What it wants to be given: "observation" or "state"."""
         ...
 
+    @property
+    def gains(self) -> Gains:
+        """The joint impedance that it counts on; the robot's own for most agents."""
+        ...
+
+    @property
+    def clips_targets(self) -> bool:
+        """Whether its joint targets are clipped to the joint ranges; the motors' limits hold for every agent."""
+        ...
+
     def prepare(self, num_robots: int) -> None:
         """Get ready to drive robots 0 to `num_robots` - 1, and forget all robots of before."""
         ...
@@ -98,7 +120,7 @@ def check_agent(agent: Agent) -> None:
     """Check what an agent wants of the control loop.
 
     Raises:
-        UserError: it wants a rate, a path or inputs that there are not.
+        UserError: it wants a rate, a path or inputs that there are not, or gains that are no impedance.
     """
     if agent.rate_hz not in RATES_HZ:
         valid = ", ".join(map(str, RATES_HZ))
@@ -106,3 +128,14 @@ def check_agent(agent: Agent) -> None:
     for what, value, valid_ones in (("path", agent.path, PATHS), ("inputs", agent.inputs, get_args(Inputs))):
         if value not in valid_ones:
             raise UserError(f"{agent.name}'s {what} must be {' or '.join(valid_ones)}, not {value}")
+    stiffness, damping = agent.gains
+    for what, gains, is_valid in (("stiffness", stiffness, np.greater), ("damping", damping, np.greater_equal)):
+        if np.shape(gains) != (agent.robot.num_joints,):
+            raise UserError(
+                f"{agent.name}'s {what} must be {agent.robot.num_joints} numbers, one for each joint of "
+                f"{agent.robot.name}, not {np.shape(gains)}"
+            )
+        wrong = np.flatnonzero(~(np.isfinite(gains) & is_valid(gains, 0.0)))
+        if len(wrong):
+            joint, sign = agent.robot.joint_names[wrong[0]], "positive" if what == "stiffness" else "zero or more"
+            raise UserError(f"{agent.name}'s {what} of {joint} must be {sign}, not {gains[wrong[0]]:g}")

@@ -75,20 +75,23 @@ class ControlLoop:
         self._delay = Delay(num_robots, TICKS_PER_STEP, robot.num_joints)
         self._guard: Guard | None = None
         self._path, self._parts = CUBIC, [WHOLE_STEP]
+        self._stiffness, self._clips_targets = robot.stiffness, True
         self._seen: StepRecord | None = None
         start = self.reset(self._everyone, self._target)
         self.nominal_com_height = float(start.com_height[0, 0])
 
     def prepare(self, agent: Agent) -> None:
-        """Let an agent drive the robots from now on; its rate, path and inputs are asked for here, and only here.
+        """Let an agent drive the robots from now on; its rate, path, inputs and gains are asked for here only.
 
         Raises:
-            UserError: the agent wants a rate, a path or inputs that there are not.
+            UserError: the agent wants a rate, a path, inputs or gains that there are not.
         """
         check_agent(agent)
         agent.prepare(len(self._everyone))
         self._guard = Guard(agent, len(self._everyone), self.robot.num_joints)
         self.nominal = np.array(agent.contract.nominal_pose)
+        self.engine.set_gains(*agent.gains)
+        self._stiffness, self._clips_targets = agent.gains.stiffness, agent.clips_targets
         self._path, num_ticks = agent.path, CONTROL_HZ // agent.rate_hz
         self._parts = [slice(first, first + num_ticks) for first in range(0, TICKS_PER_STEP, num_ticks)]
         now = self.engine.read(self._everyone)
@@ -225,7 +228,8 @@ class ControlLoop:
         """Motor targets (n, num_joints) [rad] of an agent's answer.
 
         A feed-forward torque is a target moved by torque / stiffness: the impedance then adds just that torque, and
-        the motor's limits hold for the sum. Only the joint target proper is clipped to the joint's range.
+        the motor's limits hold for the sum. Only the joint target proper is clipped to the joint's range, and only for
+        an agent that lets it.
 
         The noise of the joint targets (n, num_joints) [rad] is part of what a cubic path leads to; `_advance` adds it
         to the other paths, which jump anyway.
@@ -233,8 +237,9 @@ class ControlLoop:
         target = command.joint_target
         if path == CUBIC and shake is not None:
             target = target + shake
-        target = np.clip(target, self.robot.joint_lower, self.robot.joint_upper)
-        return target if command.joint_torque is None else target + command.joint_torque / self.robot.stiffness
+        if self._clips_targets:
+            target = np.clip(target, self.robot.joint_lower, self.robot.joint_upper)
+        return target if command.joint_torque is None else target + command.joint_torque / self._stiffness
 
     def _shake(self, ids: np.ndarray | None) -> np.ndarray | None:
         """Noise of the joint targets for one policy step (n, num_joints) [rad]; None if nobody has any."""

@@ -24,6 +24,8 @@ class State:
         joint_position, joint_velocity: (n, num_joints) [rad, rad/s].
         root_attitude: roll and pitch (n, 2) [rad].
         root_velocity, root_angular_velocity: (n, 3) [m/s, rad/s].
+        gyroscope: the angular velocity in the root's own frame (n, 3) [rad/s].
+        gravity_direction: which way is down in the root's own frame, unit vectors (n, 3); (0, 0, -1) upright.
         com_position, com_velocity: (n, 3) [m, m/s].
         capture_point: x + v sqrt(z / g), (n, 2) [m].
         com_height: of the CoM above the lower sole (n,) [m].
@@ -39,6 +41,8 @@ class State:
     root_attitude: np.ndarray
     root_velocity: np.ndarray
     root_angular_velocity: np.ndarray
+    gyroscope: np.ndarray
+    gravity_direction: np.ndarray
     com_position: np.ndarray
     com_velocity: np.ndarray
     capture_point: np.ndarray
@@ -74,6 +78,7 @@ def state_of(ticks: StepRecord, vector: np.ndarray, time: np.ndarray) -> State:
     swing = np.sqrt(np.maximum(height, 0.0) / robot.gravity)[:, None]
     heading, place = ticks.heading[:, 0].conj(), ticks["root_position"][:, 0, :2]
     pressed = (ticks.foot_pressure_point[:, 0] - place[:, None]) @ np.array([1.0, 1.0j])
+    gravity_direction, gyroscope = _in_root(named["root_attitude"], named["root_angular_velocity"])
     return State(
         time=time,
         joint_position=named["joint_position"],
@@ -81,6 +86,8 @@ def state_of(ticks: StepRecord, vector: np.ndarray, time: np.ndarray) -> State:
         root_attitude=named["root_attitude"],
         root_velocity=named["root_velocity"],
         root_angular_velocity=named["root_angular_velocity"],
+        gyroscope=gyroscope,
+        gravity_direction=gravity_direction,
         com_position=named["com_position"],
         com_velocity=named["com_velocity"],
         capture_point=named["com_position"][:, :2] + named["com_velocity"][:, :2] * swing,
@@ -90,3 +97,19 @@ def state_of(ticks: StepRecord, vector: np.ndarray, time: np.ndarray) -> State:
         foot_force=named["foot_force"],
         pressure_point=np.stack([(pressed * heading[:, None]).real, (pressed * heading[:, None]).imag], axis=-1),
     )
+
+
+def _in_root(attitude: np.ndarray, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which way is down, and a vector of the heading frame (n, 3), both in the root's own frame.
+
+    The root is turned by Ry(pitch) Rx(roll) against the heading frame, so that the rows of its rotation are known.
+
+    Args:
+        attitude: roll and pitch (n, 2) [rad].
+        vector: (n, 3).
+    """
+    (sr, sp), (cr, cp) = np.sin(attitude).T, np.cos(attitude).T
+    x, y, z = vector.T
+    forward = sp * x + cp * z  # what a pitch leaves of the vector across the root's lateral axis
+    turned = np.stack([cp * x - sp * z, cr * y + sr * forward, cr * forward - sr * y], axis=1)
+    return np.stack([sp, -cp * sr, -cp * cr], axis=1), turned

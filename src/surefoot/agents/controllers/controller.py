@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import time
 from collections import Counter
 from collections.abc import Callable
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
 from surefoot.agents.controllers.step_times import StepTimes
+from surefoot.errors import UserError
 from surefoot.robots import Robot
-from surefoot.task.agent import RATES_HZ, Agent, Command, Inputs, check_agent
+from surefoot.task.agent import RATES_HZ, Agent, Command, Gains, Inputs, check_agent
 from surefoot.task.contract import Contract
 from surefoot.task.state import State
 
@@ -22,9 +25,15 @@ __all__ = ["RATES_HZ", "Command", "Controller", "ControllerAgent", "State"]
 class Controller(Protocol):
     """What moves robots by a law of its own; made as `Controller(robot, num_robots)`.
 
-    Two more attributes may say: `pose`, the name of the pose in which trials begin (the robot's default pose without
-    it), and `path`, how the targets get to the next ones: "hold" (at once, then held), "line" (linearly, over the
-    control step) or "cubic" (at rest at both ends).
+    More attributes may say what it wants; one is made for a single robot to read them:
+
+    - `pose`: the name of the pose in which trials begin, or its joint angles (num_joints,) [rad]; the robot's default
+      pose without it.
+    - `path`: how the targets get to the next ones: "hold" (at once, then held; so without it), "line" (linearly, over
+      the control step) or "cubic" (at rest at both ends).
+    - `stiffness`, `damping`: the joint impedance (num_joints,) [Nm/rad, Nms/rad]; the robot's own without them.
+    - `clips_targets`: False if targets may lie beyond the joint ranges.
+    - `files`: paths of the files that it stands on, such as a network; results of other contents are told apart.
     """
 
     rate_hz: int
@@ -44,26 +53,34 @@ class ControllerAgent:
     Args:
         name: by which tables show it, and by which `surefoot evaluate` finds it.
         make: its class, or what else makes one from a robot and a number of robots.
-        digest: of its code, by which results name it.
+        digest: of its code, by which results name it, together with the files that it stands on.
         robot: the robot that it is to drive.
 
     Attributes:
+        gains: the joint impedance that it counts on.
+        clips_targets: whether its joint targets are clipped to the joint ranges.
         times: of all control steps so far.
         failures: how often it failed a trial, by reason and, for what it raised, the error.
 
     Raises:
-        UserError: it wants a rate or a path that there is not.
+        UserError: it cannot be made for this robot, or wants a rate, a path, a pose or gains that there are not.
     """
 
     inputs: Inputs = "state"
 
     def __init__(self, name: str, make: Callable[[Robot, int], Controller], digest: str, robot: Robot):
-        self.name = name
-        self.make = make
-        self.digest = digest
-        self.robot = robot
-        self.rate_hz: int = getattr(make, "rate_hz", None)  # type: ignore[assignment]  # None is refused below
-        self.path: str = getattr(make, "path", "hold")
+        self.name, self.make, self.robot = name, make, robot
+        self._code_digest = digest
+        wishes = self._made_for_one()
+        self.rate_hz: int = getattr(wishes, "rate_hz", None)  # type: ignore[assignment]  # None is refused below
+        self.path: str = getattr(wishes, "path", "hold")
+        self.clips_targets: bool = getattr(wishes, "clips_targets", True)
+        self.gains = Gains(
+            np.asarray(getattr(wishes, "stiffness", robot.stiffness), float),
+            np.asarray(getattr(wishes, "damping", robot.damping), float),
+        )
+        self.digest = _with_files(digest, getattr(wishes, "files", ()))
+        self._pose = self._angles_of(getattr(wishes, "pose", robot.default_pose))
         self.failures: Counter[str] = Counter()
         check_agent(self)
         self.times = StepTimes(self.rate_hz)
@@ -71,14 +88,20 @@ class ControllerAgent:
 
     def anew(self) -> ControllerAgent:
         """The same controller without the times and failures of this one."""
-        return ControllerAgent(self.name, self.make, self.digest, self.robot)
+        return ControllerAgent(self.name, self.make, self._code_digest, self.robot)
 
     @property
     def contract(self) -> Contract:
         """What it assumes about the robot: pose and gains."""
-        pose = getattr(self.make, "pose", self.robot.default_pose)
-        plain = Contract.of(self.robot, pose, 1.0, {"controller": self.name})
-        return dataclasses.replace(plain, policy_hz=self.rate_hz, target_path=self.path)
+        plain = Contract.of(self.robot, self.robot.default_pose, 1.0, {"controller": self.name})
+        return dataclasses.replace(
+            plain,
+            policy_hz=self.rate_hz,
+            target_path=self.path,
+            nominal_pose=tuple(self._pose.tolist()),
+            stiffness=tuple(self.gains.stiffness.tolist()),
+            damping=tuple(self.gains.damping.tolist()),
+        )
 
     def prepare(self, num_robots: int) -> None:
         """Make the controller for so many robots."""
@@ -104,3 +127,32 @@ class ControllerAgent:
     def _prepared(self) -> Controller:
         assert self._controller, "an agent is prepared before it is asked"
         return self._controller
+
+    def _made_for_one(self) -> Controller:
+        """The controller for a single robot, which is asked what it wants."""
+        try:
+            return self.make(self.robot, 1)
+        except UserError:
+            raise
+        except Exception as error:
+            raise UserError(
+                f"{self.name} cannot be made for {self.robot.name}: {type(error).__name__}: {error}"
+            ) from error
+
+    def _angles_of(self, pose: Any) -> np.ndarray:
+        """The pose in which trials begin (num_joints,) [rad], by its name or as angles."""
+        if isinstance(pose, str):
+            return self.robot.pose(pose)
+        angles = np.asarray(pose, float)
+        if angles.shape != (self.robot.num_joints,) or not np.isfinite(angles).all():
+            raise UserError(
+                f"{self.name}'s pose must be {self.robot.num_joints} finite angles, one for each joint of "
+                f"{self.robot.name}, or the name of a pose: {', '.join(self.robot.poses)}"
+            )
+        return angles
+
+
+def _with_files(digest: str, files: Any) -> str:
+    """The digest of some code and of the contents of the files that it stands on."""
+    parts = [hashlib.sha256(Path(file).read_bytes()).hexdigest() for file in files]
+    return hashlib.sha256("\n".join([digest, *parts]).encode()).hexdigest() if parts else digest
