@@ -42,10 +42,10 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
             ["train", "--preset", "slow"],
             "surefoot: unknown preset 'slow'; valid: paper, fast, complete, or a .toml file",
         ),
-        (["train", "--minutes", "-1"], "surefoot: minutes must be a positive number, not -1.0"),
-        (["train", "--minutes", "nan"], "surefoot: minutes must be a positive number, not nan"),
-        (["train", "--steps", "0"], "surefoot: steps must be a positive number, not 0"),
-        (["train", "--seed", "-2"], "surefoot: seed must not be negative, not -2"),
+        (["train", "--minutes", "-1"], "surefoot: minutes must be a number above 0 up to 100000, not -1.0"),
+        (["train", "--minutes", "nan"], "surefoot: minutes must be a number above 0 up to 100000, not nan"),
+        (["train", "--steps", "0"], "surefoot: steps must be a whole number from 1 to 1000000000000, not 0"),
+        (["train", "--seed", "-2"], "surefoot: seed must be a whole number from 0 to 4294967295, not -2"),
         (["train", "--resume", "nowhere"], "surefoot: nowhere is not a run folder: cannot read config.json"),
         (
             ["train", "--warm-start", "nowhere"],
@@ -61,18 +61,18 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         ),
         (["evaluate", "other.onnx"], "surefoot: unknown robot 'atlas'; valid: valkyrie, or a description (.toml)"),
         (["play", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
-        (["play", "--robots", "65", "--port", "0"], "surefoot: the number of robots must be 1 to 64, not 65"),
+        (["play", "--robots", "65", "--port", "0"], "surefoot: robots must be a whole number from 1 to 64, not 65"),
         (["video", "--out", "film.avi"], "surefoot: cannot write 'film.avi': unknown suffix '.avi'; valid: .mp4, .gif"),
         (
             ["video", "--out", "film.mp4", "--size", "321", "240"],
             "surefoot: an .mp4 cannot have 321 x 240 pixels; valid: even numbers",
         ),
-        (["video", "--impulse", "-3"], "surefoot: impulse must be a positive number, not -3.0"),
+        (["video", "--impulse", "-3"], "surefoot: impulse must be a number above 0 up to 100000, not -3.0"),
         (
             ["picture", "--direction", "up"],
             "surefoot: unknown direction 'up'; valid: forward, left, backward, right, degrees",
         ),
-        (["picture", "--duration", "nan"], "surefoot: duration must be a positive number, not nan"),
+        (["picture", "--duration", "nan"], "surefoot: duration must be a number above 0 up to 5, not nan"),
         (
             ["picture", "--body", "nose"],
             "surefoot: unknown body 'nose' of valkyrie; "
@@ -87,7 +87,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
             "surefoot: knee.toml, scenario 1 (kick): unknown body 'knee' of valkyrie; "
             "valid: pelvis, torso, left_thigh, right_thigh, left_shank, right_shank",
         ),
-        (["bench", "--seconds", "inf"], "surefoot: seconds must be a positive number, not inf"),
+        (["bench", "--seconds", "inf"], "surefoot: seconds must be a number above 0 up to 3600, not inf"),
     ],
 )
 def test_bad_input_gets_one_clear_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:

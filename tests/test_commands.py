@@ -89,7 +89,7 @@ def test_a_scenario_is_shown_as_it_is_tested():
         (("combined", "up", 6.0, 0), "combined has no direction 'up'; valid: forward, left, backward, right"),
         (("combined", "left", 7.0, 0), "combined has no size 7; valid: multiples of 6 up to 900 Ns"),
         (("combined", "left", float("nan"), 0), "combined has no size nan"),
-        (("combined", "left", 6.0, -1), "seed must not be negative, not -1"),
+        (("combined", "left", 6.0, -1), "seed must be a whole number from 0 to 4294967295, not -1"),
         (("drop_055", "forward", 6.0, 8), "seed of drop_055 must be 0 to 7, not 8"),
         (("no.toml:mine", "forward", 6.0, 0), "unknown suite 'no.toml'"),
     ],

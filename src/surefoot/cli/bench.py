@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from surefoot.cli.terminal import check_positive, console, needs_torch, results_console, write_json
+from surefoot.cli.terminal import needs_torch, results_console, working, write_json
 
 
 @dataclass(frozen=True)
@@ -18,12 +18,11 @@ class Bench:
 
     def main(self) -> None:
         """Measure, print and write."""
-        check_positive("seconds", self.seconds)
         with needs_torch():
             import torch  # noqa: F401
         from surefoot.cli.benchmarks import bench_table, run_bench
 
-        with console.status("measuring") as status:
+        with working("measuring") as status:
             figures = run_bench(self.seconds, lambda stage: status.update(f"measuring {stage}"))
         results_console(self.json).print(bench_table(figures))
         if self.json:

@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from surefoot.cli.terminal import chosen_robot, console, evaluation_bar, results_console, write_json
+from surefoot.cli.terminal import chosen_robot, evaluation_bar, results_console, say, write_json
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def chosen_scenarios(suite_name: str, num_directions: int, robot: Robot) -> list
 
     root = Scenario("root_push", directions=num_directions)
     if suite_name == robot.root:  # the suite's name until version 0.1
-        console.print(f"--suite {suite_name} is now called --suite push")
+        say(f"--suite {suite_name} is now called --suite push")
     if suite_name in ("push", robot.root):
         return [root]
     return [root if scenario == Scenario("root_push") else scenario for scenario in suite(suite_name, robot)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NoReturn
 
 import tyro
 
@@ -12,6 +12,7 @@ from surefoot.cli.bench import Bench
 from surefoot.cli.demo import Demo
 from surefoot.cli.evaluate import Evaluate
 from surefoot.cli.old_words import renewed
+from surefoot.cli.options import check_options
 from surefoot.cli.play import Play
 from surefoot.cli.replay import Replay
 from surefoot.cli.report import Pictures, Report, Table
@@ -49,9 +50,18 @@ def main() -> None:
         console.print(f"surefoot: {note}", markup=False, highlight=False, soft_wrap=True)
     command = tyro.extras.subcommand_cli_from_dict(COMMANDS, args=arguments, prog="surefoot", description=__doc__)
     try:
+        check_options(command)
         command.main()
     except UserError as error:
-        console.print(f"surefoot: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
-        sys.exit(2)
+        _fail(str(error))
+    except OSError as error:  # of a file that no command looked after: a full disk, a folder in the place of a file
+        _fail(f"cannot use {error.filename}: {error.strerror}" if error.filename else str(error))
     except KeyboardInterrupt:
         sys.exit(130)
+
+
+def _fail(message: str) -> NoReturn:
+    """Print an error in one line and exit with code 2."""
+    line = " ".join(message.splitlines())
+    console.print(f"surefoot: {line}", style="red", markup=False, highlight=False, soft_wrap=True)
+    sys.exit(2)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from surefoot.cli.terminal import chosen_robot, console
+from surefoot.cli.terminal import chosen_robot, say
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,13 @@ class Play:
         from surefoot.viewer.source import PolicySource
 
         page = Page(PolicySource(self.policy, chosen_robot(self.robot)), self.robots, self.host, self.port, self.runs)
-        console.print(f"push it at {page.address} (Ctrl-C ends)", soft_wrap=True)
+        say(f"push it at {page.address} (Ctrl-C ends)")
         if self.open:
             webbrowser.open(page.address)
         try:
             while True:
                 time.sleep(1.0)
         except KeyboardInterrupt:
-            console.print("closed")
+            say("closed")
         finally:
             page.close()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
+from rich.text import Text
 
-from surefoot.cli.terminal import console, write_text
+from surefoot.cli.terminal import say, working, write_text
 from surefoot.errors import UserError
 
 
@@ -41,16 +43,17 @@ class Report:
         from surefoot.report.page import make_report
 
         curves = read_curves(self.curves) if self.curves else {}
-        with console.status("reading") as status:
-            report = make_report(self.results, curves, self.policies, self.trials, status.update)
+        with working("reading") as status:
+            tell: Callable[[str], None] = lambda words: status.update(Text(words))  # noqa: E731
+            report = make_report(self.results, curves, self.policies, self.trials, tell)
         write_text(self.out, report.html())
         for section in report.sections:
             for note in section.notes:
-                console.print(f"{section.name}: {note}", markup=False, soft_wrap=True)
-        console.print(f"page: {self.out}, {self.out.stat().st_size / 1e6:.1f} MB", soft_wrap=True)
+                say(f"{section.name}: {note}")
+        say(f"page: {self.out}, {self.out.stat().st_size / 1e6:.1f} MB")
         if self.markdown:
             write_text(self.markdown, report.markdown())
-            console.print(f"tables: {self.markdown}", soft_wrap=True)
+            say(f"tables: {self.markdown}")
 
 
 @dataclass(frozen=True)
@@ -110,13 +113,13 @@ class Pictures:
         if policy.name not in policies:
             raise UserError(f"no thresholds of '{policy.name}' in {self.thresholds}; valid: {', '.join(policies)}")
         self.out.mkdir(parents=True, exist_ok=True)
-        with console.status("drawing pictures"):
+        with working("drawing pictures"):
             drawn = draw_thresholds(policies, policy.robot, self.out)
             drawn.append(self.out / "curves.png")
             learning_curves(read_curves(self.curves), drawn[-1])
             try:
                 drawn.append(draw_strip(policy, policies[policy.name], self.out / "strip.png"))
             except UserError as error:  # a machine without OpenGL still gets the plots
-                console.print(f"no film strip: {error}", markup=False, soft_wrap=True)
+                say(f"no film strip: {error}")
         for picture in drawn:
-            console.print(f"picture: {picture}")
+            say(f"picture: {picture}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from surefoot.cli.terminal import check_positive, clock, console, evaluation_bar, needs_torch, training_bar
+from surefoot.cli.terminal import clock, evaluation_bar, needs_torch, say, training_bar
 
 if TYPE_CHECKING:
     from surefoot.cli.study import Study
@@ -39,14 +39,13 @@ class Reproduce:
         from surefoot.agents.load import usual_robot
         from surefoot.evaluation.scenario_file import suite
 
-        check_positive("minutes", self.minutes)
         num_seeds = reproduce.FAST_SEEDS if self.fast else reproduce.FULL_SEEDS
         scenarios = suite(self.suite, usual_robot())
         study = reproduce.Study(self.out, num_seeds, self.minutes, self.preset, scenarios=scenarios)
         try:
             self._run(study)
         except KeyboardInterrupt:
-            console.print("interrupted; the same command goes on from here")
+            say("interrupted; the same command goes on from here")
             raise
 
     def _run(self, study: Study) -> None:
@@ -58,10 +57,10 @@ class Reproduce:
             for stage, is_done in (("train", run.is_trained), ("evaluate", run.is_evaluated)):
                 words = f"{2 * number + 1 + (stage == 'evaluate')}/{2 * len(runs) + 1} {stage} {run.folder.name}"
                 if is_done:
-                    console.print(f"{words}: done before")
+                    say(f"{words}: done before")
                     continue
                 left = clock(reproduce.seconds_left(runs, measured))
-                console.print(f"{words}; about {left} left in all")
+                say(f"{words}; about {left} left in all")
                 if stage == "train":
                     with training_bar() as show:
                         reproduce.train_run(run, show)
@@ -70,6 +69,6 @@ class Reproduce:
                     with evaluation_bar(num_lines) as watch:
                         reproduce.evaluate_run(run, watch)
                     measured.append(time.monotonic() - began)
-        console.print(f"{2 * len(runs) + 1}/{2 * len(runs) + 1} report")
+        say(f"{2 * len(runs) + 1}/{2 * len(runs) + 1} report")
         reproduce.report_study(study)
-        console.print(f"page: {study.out / 'report.html'}", soft_wrap=True)
+        say(f"page: {study.out / 'report.html'}")

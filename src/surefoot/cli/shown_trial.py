@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from surefoot.checks import MAX_SEED, check_number
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
@@ -49,8 +50,7 @@ def scenario_trial(robot: Robot, name: str, direction: str, size: float, seed: i
     if not 1 <= cell <= line.num_cells or abs(line.size(cell) - size) > 1e-6:
         valid = f"multiples of {line.grid:g} up to {line.size(line.num_cells):g} {line.scenario.unit}"
         raise UserError(f"{key} has no size {size:g}; valid: {valid}")
-    if seed < 0:
-        raise UserError(f"seed must not be negative, not {seed}")
+    check_number("seed", seed, 0, MAX_SEED, whole=True)
     return line.trial(cell, seed, full_length=True)
 
 
@@ -67,8 +67,6 @@ def push_trial(robot: Robot, body: str, direction: str, impulse: float, duration
     robot.body_id(body)
     angle = angle_deg(direction)
     for name, value in (("impulse", impulse), ("duration", duration)):
-        if not (np.isfinite(value) and value > 0):
-            raise UserError(f"{name} must be a positive number, not {value}")
-    if seed < 0:
-        raise UserError(f"seed must not be negative, not {seed}")
+        check_number(name, value, 0.0, above=True)
+    check_number("seed", seed, 0, MAX_SEED, whole=True)
     return Trial(horizontal_push(body, angle, impulse, duration), seed)

@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.status import Status
+from rich.text import Text
 
 from surefoot.errors import UserError
 
@@ -35,6 +36,16 @@ def chosen_robot(name: str) -> Robot | None:
     from surefoot.robots import load_robot
 
     return load_robot(name) if name else None
+
+
+def say(text: str) -> None:
+    """Print a line as it is on standard error: names in square brackets are no markup."""
+    console.print(text, markup=False, soft_wrap=True)
+
+
+def working(text: str) -> Status:
+    """A spinner with a text beside it, while something is done that takes a while."""
+    return console.status(Text(text))
 
 
 @contextlib.contextmanager
@@ -114,23 +125,3 @@ def clock(seconds: float) -> str:
     if seconds >= 3600.0:
         return f"{int(seconds // 3600)} h {int(seconds % 3600 // 60):02d}"
     return f"{int(seconds // 60)}:{int(seconds % 60):02d}"
-
-
-def check_positive(name: str, value: float | None) -> None:
-    """Check an option that must be positive if it is given.
-
-    Raises:
-        UserError: it is not.
-    """
-    if value is not None and not (np.isfinite(value) and value > 0):
-        raise UserError(f"{name} must be a positive number, not {value}")
-
-
-def check_not_negative(name: str, value: int) -> None:
-    """Check an option that must not be negative.
-
-    Raises:
-        UserError: it is.
-    """
-    if value < 0:
-        raise UserError(f"{name} must not be negative, not {value}")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.terminal import check_not_negative, check_positive, console, needs_torch, training_bar
+from surefoot.cli.terminal import console, needs_torch, say, training_bar, working
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
@@ -51,9 +51,6 @@ class Train:
         with needs_torch():
             from surefoot.learning.run_folder import RunFolder
             from surefoot.learning.stages import has_stages, read_stages
-        check_positive("minutes", self.minutes)
-        check_positive("steps", self.steps)
-        check_not_negative("seed", self.seed)
         if self.resume and self.warm_start:
             raise UserError("--warm-start is for a new run; one that is resumed knows what it began with")
         if self.resume is None:
@@ -71,7 +68,7 @@ class Train:
         if told is None:
             return self
         _, _, stage = told.partition("/")
-        console.print(f"--preset {self.preset} is now called --preset {STAGED} --stage {stage}", soft_wrap=True)
+        say(f"--preset {self.preset} is now called --preset {STAGED} --stage {stage}")
         name = self.preset if self.preset == "wide" else told
         return dataclasses.replace(self, preset=name, run=self.run or self._folder(self.preset))
 
@@ -113,25 +110,25 @@ class Train:
         self._tell(config, folder)
         with _resumable(folder), training_bar() as show:
             train(config, folder, resume, show, self.warm_start)
-        console.print(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
+        say(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
 
     def _run_stages(self, folder: Path, stages: list[Stage]) -> None:
         """Learn the stages that are not done."""
         for stage in stages:
             stage = dataclasses.replace(stage, config=self._budgeted(stage.config))
             if stage.is_done:
-                console.print(f"stage {stage.name}: done before")
+                say(f"stage {stage.name}: done before")
                 continue
-            console.print(f"stage {stage.name}:")
+            say(f"stage {stage.name}:")
             self._tell(stage.config, stage.folder)
             with _resumable(folder), training_bar() as show:
                 stage.run(show)
         last = stages[-1].folder
-        console.print(f"the best policy is {last}/best.onnx; test it with: surefoot evaluate {last}")
+        say(f"the best policy is {last}/best.onnx; test it with: surefoot evaluate {last}")
 
     def _tell(self, config: TrainConfig, folder: Path) -> None:
-        console.print(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
-        console.print("the bar ends with the impulses about rejected now: forward/left/backward/right")
+        say(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
+        say("the bar ends with the impulses about rejected now: forward/left/backward/right")
 
 
 @contextlib.contextmanager
@@ -140,7 +137,7 @@ def _resumable(folder: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        console.print(f"interrupted; go on with: surefoot train --resume {folder}")
+        say(f"interrupted; go on with: surefoot train --resume {folder}")
         raise
 
 
@@ -163,25 +160,22 @@ class Select:
         with needs_torch():
             from surefoot.learning.selection import best_candidate, files, means, shipped_bytes, validate_candidate
 
-        check_positive("rounds", self.rounds)
-        check_positive("mean-minutes", self.mean_minutes)
         competing = files(self.runs)
         if self.mean_minutes:
             competing += [file for run in self.runs if run.is_dir() for file in means(run, self.mean_minutes)]
         candidates = []
         for file in competing:
-            with console.status(f"validating {file}"):
+            with working(f"validating {file}"):
                 found = validate_candidate(file, self.rounds)
             candidates.append(found)
             worst = min(found.rejected, key=lambda name: found.rejected[name])
-            console.print(
+            say(
                 f"{file}: {found.recovered:.3f} recovered, {found.quiet:.2f} quiet, "
                 f"worst direction {worst} {found.rejected[worst]:.0f} Ns; "
-                + ", ".join(f"{name} {share:.2f}" for name, share in found.passed.items()),
-                soft_wrap=True,
+                + ", ".join(f"{name} {share:.2f}" for name, share in found.passed.items())
             )
         best = best_candidate(candidates)
-        console.print(f"best: {best.file}", soft_wrap=True)
+        say(f"best: {best.file}")
         if self.out:
             self.out.write_bytes(shipped_bytes(best))
 
@@ -211,11 +205,9 @@ class Ablate:
             from surefoot.learning.ablations import LEFT_OUT, ablate
         from surefoot.report.ablations import ablation_table
 
-        check_positive("steps", self.steps)
-        check_not_negative("seed", self.seed)
         curves = {}
         for name in self._names() or LEFT_OUT:
-            console.print(f"without {name}: {self.steps:,} policy steps in {self.out / name}")
+            say(f"without {name}: {self.steps:,} policy steps in {self.out / name}")
             with training_bar() as show:
                 curves[name] = ablate(name, self.out, self.steps, self.seed, show)
             if self.export:
@@ -229,7 +221,7 @@ class Ablate:
 
         for name in self.without:
             if name in OLD_NAMES:
-                console.print(f"{name} is called {OLD_NAMES[name]} now; the old name goes with version 0.3")
+                say(f"{name} is called {OLD_NAMES[name]} now; the old name goes with version 0.3")
             elif name not in LEFT_OUT:
                 raise UserError(f"unknown part '{name}'; valid: {', '.join(LEFT_OUT)}")
         return [OLD_NAMES.get(name, name) for name in self.without]

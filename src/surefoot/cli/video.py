@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from surefoot.cli.shown_trial import push_trial, scenario_trial
-from surefoot.cli.terminal import chosen_robot, console
+from surefoot.cli.terminal import chosen_robot, say, working
 
 if TYPE_CHECKING:
     from surefoot.evaluation.trials import Trial
@@ -90,10 +90,10 @@ class Video(_Shown):
         check_film(self.out, self.size)
         agent = self.agent()
         trial = self.trial(agent.robot, self.impulse)
-        with console.status(f"filming {self.out}"):
+        with working(f"filming {self.out}"):
             recording = record(agent, trial)
             save_video(self.out, recording, self.fps, self.size, begin=self.begin, end=self.end, speed=self.speed)
-        console.print(f"film: {self.out} ({recording.outcome.reason})", soft_wrap=True)
+        say(f"film: {self.out} ({recording.outcome.reason})")
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Picture(_Shown):
         check_picture(self.out)
         agent = self.agent()
         trials = [self.trial(agent.robot, size) for size in self.impulse or (None,)]
-        with console.status(f"drawing {self.out}"):
+        with working(f"drawing {self.out}"):
             recordings = [record(agent, trial) for trial in trials]
             if len(recordings) == len(self.times) == 1:
                 with Renderer(recordings[0].robot, *self.size, trials[0].domain) as scene:
@@ -129,4 +129,4 @@ class Picture(_Shown):
             else:
                 image = filmstrip(recordings, self.times, self.size)
             save_picture(self.out, image)
-        console.print(f"picture: {self.out} ({', '.join(r.outcome.reason for r in recordings)})", soft_wrap=True)
+        say(f"picture: {self.out} ({', '.join(r.outcome.reason for r in recordings)})")
