@@ -15,6 +15,7 @@ from surefoot.agents.policy_file import METADATA_KEY
 from surefoot.errors import UserError
 from surefoot.task.agent import Command
 from surefoot.task.contract import Contract
+from surefoot.task.memory import Memory
 
 
 class NetworkAgent(ObservingAgent):
@@ -55,9 +56,25 @@ class NetworkAgent(ObservingAgent):
         self._check_sizes(source)
         self._input = self._session.get_inputs()[0].name
         self._nominal = np.array(contract.nominal_pose)
+        sizes = len(contract.observations), len(contract.joints)
+        self._memory = Memory(contract.past_observations, contract.past_actions, *sizes)
+
+    def prepare(self, num_robots: int) -> None:
+        """Get ready for so many robots, and forget those of before."""
+        self._memory.prepare(num_robots)
+
+    def reset(self, ids: np.ndarray) -> None:
+        """Forget robots `ids` (n,), which begin a trial."""
+        if self.has_memory:
+            self._memory.reset(ids)
+
+    @property
+    def has_memory(self) -> bool:
+        """Does the network take more than the present observation?"""
+        return self.contract.num_inputs > len(self.contract.observations)
 
     def _check_sizes(self, source: str) -> None:
-        expected = [len(self.contract.observations)], [len(self.contract.joints)]
+        expected = [self.contract.num_inputs], [len(self.contract.joints)]
         found = [t.shape[1:] for t in self._session.get_inputs()], [t.shape[1:] for t in self._session.get_outputs()]
         if found != ([expected[0]], [expected[1]]):
             raise UserError(f"{source} maps {found[0]} to {found[1]} numbers, not {expected[0]} to {expected[1]}")
@@ -71,8 +88,8 @@ class NetworkAgent(ObservingAgent):
         """(weight, bias) of every layer, as `network_bytes` was given them.
 
         Args:
-            mean: of the observation (num_observations,); the first layer then acts on (observation - mean) / std.
-            std: of the observation (num_observations,).
+            mean: of the inputs (num_inputs,); the first layer then acts on (inputs - mean) / std.
+            std: of the inputs (num_inputs,).
         """
         (scaled, bias), *others = self._stored_layers()
         return [((scaled * std).astype(np.float32), (bias + scaled @ mean).astype(np.float32)), *others]
@@ -85,15 +102,22 @@ class NetworkAgent(ObservingAgent):
         tensors = {tensor.name: numpy_helper.to_array(tensor).copy() for tensor in graph.initializer}
         return [(tensors[f"weight_{i}"], tensors[f"bias_{i}"]) for i in range(len(tensors) // 2)]
 
-    def actions(self, observations: np.ndarray) -> np.ndarray:
-        """Actions (n, num_joints) float32 for filtered observations (n, num_observations).
+    def actions(self, inputs: np.ndarray) -> np.ndarray:
+        """Actions (n, num_joints) float32 for inputs (n, contract.num_inputs).
 
-        They are what an environment's `step` takes: joint targets in units of `action_scale`, counted from the nominal
-        pose, not clipped.
+        The inputs are filtered observations (n, num_observations), and behind them the past that the contract names.
+        The actions are what an environment's `step` takes: joint targets in units of `action_scale`, counted from the
+        nominal pose, not clipped.
         """
-        return self._session.run(None, {self._input: np.asarray(observations, np.float32)})[0]
+        return self._session.run(None, {self._input: np.asarray(inputs, np.float32)})[0]
 
     def __call__(self, inputs: np.ndarray, ids: np.ndarray) -> Command:
-        """Joint targets for the filtered observations (n, num_observations) of robots `ids` (n,)."""
-        actions = np.clip(np.asarray(self.actions(inputs), np.float64), -1.0, 1.0)
+        """Joint targets for the filtered observations (n, num_observations) of robots `ids` (n,).
+
+        A network with a memory remembers them, and has to be told of robots by `prepare` and `reset`.
+        """
+        seen = self._memory.inputs(inputs, ids) if self.has_memory else inputs
+        actions = np.clip(np.asarray(self.actions(seen), np.float64), -1.0, 1.0)
+        if self.has_memory:
+            self._memory.add(inputs, actions, ids)
         return Command(self._nominal + self.contract.action_scale * actions)

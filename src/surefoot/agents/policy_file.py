@@ -18,12 +18,12 @@ METADATA_KEY = "surefoot"
 def network_bytes(
     layers: list[tuple[np.ndarray, np.ndarray]], mean: np.ndarray, std: np.ndarray, squash: bool, contract: Contract
 ) -> bytes:
-    """A policy file: (observation - mean) / std through a tanh network.
+    """A policy file: (inputs - mean) / std through a tanh network.
 
     Args:
         layers: (weight (out, in), bias (out,)) of every linear layer; tanh between them.
-        mean: of the observation (num_observations,).
-        std: of the observation (num_observations,).
+        mean: of the network's inputs (num_inputs,).
+        std: of the network's inputs (num_inputs,).
         squash: tanh on the output too.
         contract: what the file says about the robot.
     """

@@ -15,6 +15,11 @@ from surefoot.robots import Robot, load_robot
 from surefoot.task import observation
 
 FORMAT = 1
+MEMORY_FORMAT = 2
+"""The format of policies that take past observations or actions: versions before cannot run them."""
+MOST_PAST = 250
+"""Ten seconds: more is a mistake."""
+_MEMORY = ("past_observations", "past_actions")
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,8 @@ class Contract:
         policy_hz, control_hz: rates of the policy and of the joint control.
         filter_cutoff_hz: of the first-order Butterworth low-pass on the observation at `control_hz`.
         target_path: how joint targets are reached within a policy step.
+        past_observations, past_actions: how many of them the network takes behind the present observation, see
+            `Memory`; there are none in files of format 1.
         training: where the policy comes from (algorithm, preset, seed, steps, minutes, versions).
     """
 
@@ -52,9 +59,19 @@ class Contract:
     training: dict[str, Any] = field(default_factory=dict)
     format: int = FORMAT
     robot_fingerprint: str = ""
+    past_observations: int = 0
+    past_actions: int = 0
 
     @classmethod
-    def of(cls, robot: Robot, pose: str, action_scale: float, training: dict[str, Any] | None = None) -> Contract:
+    def of(
+        cls,
+        robot: Robot,
+        pose: str,
+        action_scale: float,
+        training: dict[str, Any] | None = None,
+        past_observations: int = 0,
+        past_actions: int = 0,
+    ) -> Contract:
         """The contract of a policy for this robot as this version of surefoot runs it."""
         return cls(
             robot=robot.name,
@@ -68,7 +85,16 @@ class Contract:
             velocity_limit=tuple(robot.velocity_limit.tolist()),
             training=training or {},
             robot_fingerprint=robot.fingerprint,
+            format=MEMORY_FORMAT if past_observations or past_actions else FORMAT,
+            past_observations=past_observations,
+            past_actions=past_actions,
         )
+
+    @property
+    def num_inputs(self) -> int:
+        """Numbers that the network takes: the present observation, and the past that it is given."""
+        past = self.past_observations * len(self.observations) + self.past_actions * len(self.joints)
+        return len(self.observations) + past
 
     def check(self) -> Robot:
         """The robot that the policy is for.
@@ -83,7 +109,8 @@ class Contract:
                 f"{self.robot_fingerprint[:12]}, that of this {robot.name} is {robot.fingerprint[:12]}"
             )
         self._check_numbers(robot)
-        expected = Contract.of(robot, next(iter(robot.poses)), self.action_scale)
+        memory = {name: getattr(self, name) for name in _MEMORY}
+        expected = Contract.of(robot, next(iter(robot.poses)), self.action_scale, **memory)
         free = {"nominal_pose", "action_scale", "training", "robot_fingerprint"}
         for name in (f.name for f in dataclasses.fields(self) if f.name not in free):
             if getattr(self, name) != getattr(expected, name):
@@ -98,16 +125,24 @@ class Contract:
             raise UserError(f"policy's nominal_pose must be {robot.num_joints} finite angles, not {pose}")
         if not (_is_finite(scale) and scale > 0):
             raise UserError(f"policy's action_scale must be positive, not {scale}")
+        for name in _MEMORY:
+            if type(number := getattr(self, name)) is not int or not 0 <= number <= MOST_PAST:
+                raise UserError(f"policy's {name} must be a whole number from 0 to {MOST_PAST}, not {number}")
 
     def to_json(self) -> str:
         """Write the contract as `from_json` reads it."""
-        return json.dumps(dataclasses.asdict(self))
+        return json.dumps(self._values())
 
     def assumptions(self) -> str:
         """The contract as JSON, without the robot's fingerprint: results name their robot by themselves."""
-        values = dataclasses.asdict(self)
+        values = self._values()
         del values["robot_fingerprint"]
         return json.dumps(values)
+
+    def _values(self) -> dict[str, Any]:
+        """All clauses; without a memory those of format 1, which versions before know."""
+        values = dataclasses.asdict(self)
+        return {key: value for key, value in values.items() if key not in _MEMORY or value}
 
     @classmethod
     def from_json(cls, text: str) -> Contract:
