@@ -214,7 +214,7 @@ def test_a_missing_mesh_is_named_in_one_line(copy: Path) -> None:
 
 def test_a_missing_model_and_a_missing_description_are_named(copy: Path) -> None:
     (copy.parent / "tiptoe.xml").unlink()
-    assert refusal(copy) == "tiptoe.toml: there is no model file tiptoe.xml"
+    assert refusal(copy) == "tiptoe.toml: model: there is no file tiptoe.xml"
     assert refusal(copy.parent / "nobody.toml") == "cannot read robot nobody.toml: No such file or directory"
 
 

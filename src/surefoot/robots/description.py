@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import importlib.util
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -15,9 +16,13 @@ from surefoot.errors import UserError
 _KEYS = {
     "model": str, "title": str, "root": str, "torso": dict, "feet": dict, "motors": dict, "held": dict, "poses": dict,
     "default_pose": str, "pushable": dict, "load_unit": float, "floor": dict, "own_floor": str, "own_actuators": bool,
-    "symmetric": bool,
+    "symmetric": bool, "contacts": str,
+    "cone": str, "impratio": float, "package": str, "install": str,
 }  # fmt: skip
 _NEEDED = ("model", "root", "feet", "motors", "poses")
+CONTACTS = ("file", "legs")
+"""What touches what: as the MJCF file says, or everything the floor and each leg the other leg, and nothing else."""
+CONES = ("pyramidal", "elliptic")
 _T = TypeVar("_T")
 _WORDS = {str: "a text", dict: "a table", float: "a number", bool: "true or false"}
 
@@ -76,6 +81,9 @@ class Description:
         own_floor: geom of the MJCF file that is the floor; otherwise planes in its world are removed.
         own_actuators: motors take what they do not say from the MJCF's position actuators.
         symmetric: the robot must be its own mirror image, left and right exchanged.
+        contacts: which shapes touch each other: one of `CONTACTS`.
+        cone: shape of the friction cones, one of `CONES`; the MJCF's without it.
+        impratio: stiffness of friction over that of the normal force, MuJoCo's option; the MJCF's without it.
     """
 
     file: Path
@@ -95,6 +103,9 @@ class Description:
     own_floor: str = ""
     own_actuators: bool = False
     symmetric: bool = True
+    contacts: str = CONTACTS[0]
+    cone: str = ""
+    impratio: float | None = None
 
     def motor(self, joint: str) -> Motor | None:
         """The motor of a joint; None if it is not controlled."""
@@ -115,9 +126,9 @@ def read_description(file: Path) -> Description:
         UserError: the file is missing, is not TOML, or has a wrong key or value; the message names it.
     """
     values = _read_table(file)
-    model = file.parent / values["model"]
+    model = _model_folder(values, file) / values["model"]
     if not model.is_file():
-        raise UserError(f"{file}: there is no model file {model}")
+        raise UserError(f"{file}: model: there is no file {model}")
     torso = values.get("torso", {"body": values["root"]})
     _check_texts(torso, f"{file}: torso", ("body", "site"), ("body",))
     feet = values["feet"]
@@ -141,6 +152,9 @@ def read_description(file: Path) -> Description:
         own_floor=values.get("own_floor", ""),
         own_actuators=values.get("own_actuators", False),
         symmetric=values.get("symmetric", True),
+        contacts=_one_of(values, "contacts", CONTACTS, file) or CONTACTS[0],
+        cone=_one_of(values, "cone", CONES, file),
+        impratio=values.get("impratio"),
     )
 
 
@@ -158,6 +172,18 @@ def _read_table(file: Path) -> dict[str, Any]:
     return values
 
 
+def _model_folder(values: dict[str, Any], file: Path) -> Path:
+    """The folder from which the model's path counts: the description's, or that of an installed Python package."""
+    package = values.get("package")
+    if package is None:
+        return file.parent
+    found = importlib.util.find_spec(package) if package.isidentifier() else None
+    if found is None or not found.submodule_search_locations:
+        what = values.get("install", package.replace("_", "-"))
+        raise UserError(f"{file}: package: '{package}' is not installed; pip install '{what}'")
+    return Path(next(iter(found.submodule_search_locations)))
+
+
 def _poses(values: dict[str, Any], file: Path) -> tuple[dict[str, dict[str, float]], str]:
     """The poses, and the name of the default one."""
     poses = {name: _angles(pose, f"{file}: pose {name}") for name, pose in values["poses"].items()}
@@ -167,6 +193,14 @@ def _poses(values: dict[str, Any], file: Path) -> tuple[dict[str, dict[str, floa
     if default_pose not in poses:
         raise UserError(f"{file}: unknown default_pose '{default_pose}'; valid: {', '.join(poses)}")
     return poses, default_pose
+
+
+def _one_of(values: dict[str, Any], key: str, valid: Sequence[str], file: Path) -> str:
+    """The value of a key that takes one of some words; empty without the key."""
+    word: str = values.get(key, "")
+    if key in values and word not in valid:
+        raise UserError(f"{file}: unknown {key} '{word}'; valid: {', '.join(valid)}")
+    return word
 
 
 def _motor(values: Any, where: str) -> Motor:

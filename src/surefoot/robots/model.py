@@ -44,6 +44,7 @@ def read_spec(description: Description) -> mujoco.MjSpec:
     _check_root(spec, description)
     _weld_held_joints(spec, description)
     _set_floor(spec, description)
+    _set_contacts(spec, description)
     _add_motors(spec, description, own_motors)
     spec.option.timestep = CONTROL_DT
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -184,6 +185,41 @@ def _set_floor(spec: mujoco.MjSpec, description: Description) -> None:
         floor.material = FLOOR
     else:
         floor.rgba = [0.4, 0.44, 0.49, 1.0]
+
+
+def _set_contacts(spec: mujoco.MjSpec, description: Description) -> None:
+    """Friction as the description says, and with contacts of the legs only: each leg touches the other and the floor.
+
+    The floor has the bit 1, the left leg 2 and the right leg none; the right leg asks for 1 and 2, all else for 1.
+    """
+    if description.cone:
+        spec.option.cone = getattr(mujoco.mjtCone, f"mjCONE_{description.cone.upper()}")
+    if description.impratio is not None:
+        spec.option.impratio = description.impratio
+    if description.contacts != "legs":
+        return
+    left, right = (leg_bodies(spec, description, foot) for foot in description.feet)
+    for body in spec.bodies:
+        for geom in body.geoms:
+            if geom.name == FLOOR or not (geom.contype or geom.conaffinity):
+                continue
+            geom.contype = 2 if body.name in left else 0
+            geom.conaffinity = 3 if body.name in right else 1
+
+
+def leg_bodies(spec: mujoco.MjSpec, description: Description, foot: str) -> set[str]:
+    """The bodies from a foot up to the first one that it shares with the other foot, which is left out."""
+    chains = [_chain(spec, name, description.root) for name in description.feet]
+    return set(_chain(spec, foot, description.root)) - (set(chains[0]) & set(chains[1]))
+
+
+def _chain(spec: mujoco.MjSpec, foot: str, root: str) -> list[str]:
+    """A foot and the bodies that carry it, up to the root."""
+    body, names = spec.body(foot), []
+    while body.name not in ("world", root):
+        names.append(body.name)
+        body = body.parent
+    return names
 
 
 def _own_motor(actuator: mujoco.MjsActuator) -> Motor:
