@@ -1,10 +1,10 @@
 """The committed thresholds against the code: which of them hold today, and which would be measured anew."""
 
-from __future__ import importlib.util
-import annotations
+from __future__ import annotations
 
 import csv
 import functools
+import importlib.util
 import re
 from pathlib import Path
 
