@@ -9,7 +9,9 @@ from pathlib import Path
 from surefoot.agents.controllers import PREFIX, load_controller
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
+from surefoot.agents.onnx_check import MAX_BYTES
 from surefoot.agents.policy_file import SUFFIX
+from surefoot.checks import check_path, read_bytes
 from surefoot.errors import UserError
 from surefoot.robots import Robot
 from surefoot.task.agent import Agent
@@ -72,11 +74,12 @@ def load_policy(name: str | Path) -> NetworkAgent:
     if str(name) in shipped_policies():
         file = importlib.resources.files("surefoot.agents") / "shipped" / f"{name}{SUFFIX}"
         return NetworkAgent(file.read_bytes(), str(name))
+    check_path("policy", name)
     path = Path(name)
     path_of_file = path / f"best{SUFFIX}" if path.is_dir() else path
     try:
-        data = path_of_file.read_bytes()
-    except OSError as error:
+        data = read_bytes(path_of_file, "policy", MAX_BYTES)
+    except UserError as error:
         shipped = f"; shipped policies: {', '.join(shipped_policies())}" if shipped_policies() else ""
-        raise UserError(f"cannot read policy {path_of_file}: {error.strerror or error}{shipped}") from error
+        raise UserError(f"{error}{shipped}") from error
     return NetworkAgent(data, name=path.stem, source=str(path_of_file))

@@ -11,6 +11,7 @@ import hashlib
 import numpy as np
 
 from surefoot.agents.observing import ObservingAgent
+from surefoot.agents.onnx_check import OWN_OPERATORS, check_own_network, metadata, read_model
 from surefoot.agents.policy_file import METADATA_KEY
 from surefoot.errors import UserError
 from surefoot.task.agent import Command
@@ -27,23 +28,29 @@ class NetworkAgent(ObservingAgent):
         source: by which errors name the file; the name without it.
 
     Attributes:
-        digest: SHA-256 of the file, by which results name the policy.
+        digest: SHA-256 of the file, by which results name the policy; the file refers to no other one.
+
+    Raises:
+        UserError: the file is no policy that this version can run.
     """
 
     def __init__(self, data: bytes, name: str, source: str | None = None):
         source = source or name
         import onnxruntime
 
+        model = read_model(data, source, OWN_OPERATORS)
+        text = metadata(model, source).get(METADATA_KEY)
+        if text is None:
+            raise UserError(f"{source} is not a surefoot policy: its metadata has no '{METADATA_KEY}'")
+        check_own_network(model, source)
+        checked = model.SerializeToString()
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
         options.log_severity_level = 4
         try:
-            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+            self._session = onnxruntime.InferenceSession(checked, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises a family of undocumented types for a corrupt file
             raise UserError(f"{source} is not a policy file: not a readable ONNX network") from error
-        text = self._session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
-        if text is None:
-            raise UserError(f"{source} is not a surefoot policy: its metadata has no '{METADATA_KEY}'")
         try:
             contract = Contract.from_json(text)
         except (ValueError, TypeError, KeyError, AttributeError) as error:

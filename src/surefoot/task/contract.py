@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
+from surefoot.checks import check_fields, check_path, is_number, parse_json_table, shortened
 from surefoot.errors import UserError
 from surefoot.physics.signals import CUTOFF_HZ
 from surefoot.rates import CONTROL_HZ, POLICY_HZ
@@ -102,6 +102,7 @@ class Contract:
         Raises:
             UserError: this version of surefoot cannot honour the contract.
         """
+        check_path("policy's robot", self.robot)
         robot = load_robot(self.robot)
         if self.robot_fingerprint and self.robot_fingerprint != robot.fingerprint:
             raise UserError(
@@ -121,9 +122,9 @@ class Contract:
 
     def _check_numbers(self, robot: Robot) -> None:
         pose, scale = self.nominal_pose, self.action_scale
-        if not (isinstance(pose, tuple) and len(pose) == robot.num_joints and all(map(_is_finite, pose))):
+        if not (isinstance(pose, tuple) and len(pose) == robot.num_joints and all(map(is_number, pose))):
             raise UserError(f"policy's nominal_pose must be {robot.num_joints} finite angles, not {pose}")
-        if not (_is_finite(scale) and scale > 0):
+        if not (is_number(scale) and scale > 0):
             raise UserError(f"policy's action_scale must be positive, not {scale}")
         for name in _MEMORY:
             if type(number := getattr(self, name)) is not int or not 0 <= number <= MOST_PAST:
@@ -151,9 +152,34 @@ class Contract:
         Raises:
             ValueError, TypeError, KeyError: the text is anything else.
         """
-        values: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
+        table = parse_json_table(text, "a contract")
+        values: Any = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
+        _check_training(values.get("training", {}))
         return cls(**values)
 
 
-def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
+def _check_training(record: Any) -> None:
+    """Check the types of what others read of a training record, and of the record of what that run began with."""
+    while record is not None:
+        if not isinstance(record, dict):
+            raise UserError(f"training must be a table, not {shortened(record)}")
+        check_fields(_Training, record, "training")
+        record = record.get("after")
+
+
+@dataclass(frozen=True)
+class _Training:
+    """The types of the entries of a training record that surefoot itself writes."""
+
+    algorithm: str
+    preset: str
+    seed: int
+    policy_steps: int
+    minutes: float
+    cores: int | None
+    machine: str
+    surefoot: str
+    commit: str | None
+    controller: str
+    validation: dict[str, Any]
+    selection: tuple[dict[str, Any], ...]

@@ -1,0 +1,163 @@
+"""ONNX files of strangers: checked before anything runs them, so that their bytes alone say what they do.
+
+A file that passes refers to no other file, holds nothing but operators of a list, has no part of its own code, and
+cannot grow in memory beyond a limit. What does not pass is refused before onnxruntime sees it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from surefoot.errors import UserError
+
+if TYPE_CHECKING:
+    from onnx import AttributeProto, ModelProto, TensorProto, ValueInfoProto
+
+MAX_BYTES = 64_000_000
+"""Of a file."""
+MAX_ELEMENTS = 8_000_000
+"""Of a tensor: the largest layer of a network of 2,800 units a layer."""
+MAX_NODES = 1_000
+OWN_OPERATORS = ("Gemm", "Tanh", "Identity")
+"""What networks that surefoot wrote consist of."""
+_DOMAINS = ("", "ai.onnx")
+
+
+def read_model(data: bytes, source: str, operators: Collection[str]) -> ModelProto:
+    """Return the model of an ONNX file of which every part has been looked at; run this model, not the file's bytes.
+
+    It refers to no other file; it has operators of a list and of ONNX's own set only, no subgraph, no function and no
+    sparse tensor; its tensors are small, whole and finite; and its nodes are fewer than `MAX_NODES`.
+
+    Args:
+        data: the file's bytes.
+        source: by which errors name the file.
+        operators: those that the network may have. `Loop`, `If` and `Scan` can never be among them, since their
+            subgraphs are refused.
+
+    Raises:
+        UserError: the file is no ONNX file, or has anything else.
+    """
+    import onnx
+
+    if len(data) > MAX_BYTES:
+        raise UserError(f"{source} is not a policy file: it has {len(data):,} bytes, more than {MAX_BYTES:,}")
+    model = onnx.ModelProto()
+    try:
+        model.ParseFromString(data)
+        model.DiscardUnknownFields()  # onnxruntime may know a field that this version of onnx does not
+    except Exception as error:  # protobuf's error type depends on how it was built
+        raise UserError(f"{source} is not a policy file: not a readable ONNX network") from error
+    if not model.graph.node:
+        raise UserError(f"{source} is not a policy file: not a readable ONNX network")
+    if model.functions or model.training_info or model.graph.sparse_initializer:
+        raise UserError(f"{source} is refused: it has functions, training code or sparse tensors of its own")
+    if len(model.graph.node) > MAX_NODES:
+        raise UserError(f"{source} is refused: it has {len(model.graph.node)} nodes, more than {MAX_NODES}")
+    for node in model.graph.node:
+        if node.domain not in _DOMAINS or node.op_type not in operators:
+            valid = ", ".join(operators)
+            raise UserError(f"{source} is refused: it has the operator '{node.op_type[:60]}'; valid: {valid}")
+        for attribute in node.attribute:
+            _check_attribute(attribute, source)
+    for tensor in model.graph.initializer:
+        _check_tensor(tensor, source)
+    return model
+
+
+def check_own_network(model: ModelProto, source: str) -> None:
+    """Check that a model is a network as `network_bytes` writes it: a chain of linear layers and tanh.
+
+    Raises:
+        UserError: it is another one. The message names the first thing that differs.
+    """
+    graph = model.graph
+    _check_value(graph.input, "input", source)
+    _check_value(graph.output, "output", source)
+    tensors = {tensor.name: tuple(tensor.dims) for tensor in graph.initializer}
+    if len(tensors) != len(graph.initializer):
+        raise UserError(f"{source} is refused: two of its tensors have the same name")
+    value, num_layers = graph.input[0].name, 0
+    for node in graph.node:
+        given = list(node.input)
+        if not given or given[0] != value or len(node.output) != 1:
+            raise UserError(f"{source} is refused: its layers are no chain")
+        names = given[1:]
+        expected = [f"weight_{num_layers}", f"bias_{num_layers}"] if node.op_type == "Gemm" else []
+        if names != expected or not set(names) <= set(tensors):
+            raise UserError(f"{source} is refused: a layer has not just a weight and a bias of its own")
+        if names and (len(tensors[names[0]]), len(tensors[names[1]])) != (2, 1):
+            raise UserError(f"{source} is refused: a layer's weight is no matrix, or its bias no vector")
+        settings = {attribute.name: (attribute.i, attribute.f) for attribute in node.attribute}
+        if settings != ({"transB": (1, 0.0)} if names else {}):
+            raise UserError(f"{source} is refused: the operator '{node.op_type}' has settings that no policy has")
+        num_layers += bool(names)
+        value = node.output[0]
+    if value != graph.output[0].name or 2 * num_layers != len(tensors):
+        raise UserError(f"{source} is refused: its layers do not end in its output, or some of its tensors are unused")
+
+
+def _check_value(values: Iterable[ValueInfoProto], kind: str, source: str) -> None:
+    """Check that a graph has one input or output: float32 numbers for any number of robots."""
+    import onnx
+
+    found = list(values)
+    types = [value.type.tensor_type for value in found]
+    fits = len(found) == 1 and types[0].elem_type == onnx.TensorProto.FLOAT and len(types[0].shape.dim) == 2
+    if not fits or types[0].shape.dim[0].HasField("dim_value"):
+        raise UserError(f"{source} is refused: its {kind} must be one float32 array (robots, numbers)")
+
+
+def _check_attribute(attribute: AttributeProto, source: str) -> None:
+    import onnx
+
+    kinds = onnx.AttributeProto
+    if attribute.type == kinds.TENSOR:
+        _check_tensor(attribute.t, source)
+        return
+    plain = (kinds.FLOAT, kinds.INT, kinds.STRING, kinds.FLOATS, kinds.INTS, kinds.STRINGS)
+    if attribute.type not in plain or attribute.ref_attr_name or attribute.HasField("g") or attribute.graphs:
+        raise UserError(f"{source} is refused: '{attribute.name[:60]}' of an operator is no plain number or text")
+
+
+def _check_tensor(tensor: TensorProto, source: str) -> None:
+    """Check that a tensor lies in the file, is as large as it says, and is finite."""
+    import onnx
+    from onnx import numpy_helper
+
+    name = tensor.name[:60]
+    if tensor.external_data or tensor.data_location != onnx.TensorProto.DEFAULT:
+        raise UserError(f"{source} is refused: its tensor '{name}' lies in another file, which may change")
+    if min(tensor.dims, default=1) < 0 or _product(tensor.dims) > MAX_ELEMENTS:
+        raise UserError(f"{source} is refused: its tensor '{name}' has more than {MAX_ELEMENTS:,} elements")
+    if tensor.data_type not in (onnx.TensorProto.FLOAT, onnx.TensorProto.INT64):
+        raise UserError(f"{source} is refused: its tensor '{name}' holds neither float32 nor int64 numbers")
+    try:
+        array: np.ndarray = numpy_helper.to_array(tensor)
+    except Exception as error:  # onnx has no error type of its own for a tensor whose data do not fit its size
+        raise UserError(f"{source} is refused: its tensor '{name}' has not as many elements as it says") from error
+    if not np.isfinite(array).all():
+        raise UserError(f"{source} is refused: its tensor '{name}' has numbers that are not finite")
+
+
+def _product(sizes: Iterable[int]) -> int:
+    """The product of whole numbers, without an overflow."""
+    product = 1
+    for size in sizes:
+        product *= size
+    return product
+
+
+def metadata(model: ModelProto, source: str) -> dict[str, str]:
+    """Return the metadata of a model.
+
+    Raises:
+        UserError: a key stands in it twice, so that two readers could read different things.
+    """
+    found = {pair.key: pair.value for pair in model.metadata_props}
+    if len(found) != len(model.metadata_props):
+        raise UserError(f"{source} is refused: a key stands in its metadata twice")
+    return found
