@@ -90,13 +90,34 @@ def test_another_seed_and_a_reset_without_one_start_elsewhere() -> None:
 def test_robots_start_within_the_noise_around_the_pose_and_each_elsewhere() -> None:
     env = make_env(16, pose="bent", joint_noise=0.01)
     observations, _ = env.reset(seed=3)
-    offset = observations[:, JOINTS] - env.robot.pose("bent")
+    _, held = env.loop.starts()
+    offset = held - env.robot.pose("bent")
     assert np.abs(offset).max() <= 0.01 + 1e-6
     # 16 * 11 uniform draws: deviation 0.01 / sqrt(3)
     assert offset.std() == pytest.approx(0.01 / np.sqrt(3), rel=0.1)
     assert len(np.unique(offset, axis=0)) == 16
-    still, _ = make_env(2, pose="bent", joint_noise=0.0).reset(seed=3)
-    np.testing.assert_allclose(still[:, JOINTS], np.tile(env.robot.pose("bent"), (2, 1)), atol=1e-7)
+    # The motors hold these angles, and the weight bends the joints by up to 0.04 rad.
+    assert np.abs(observations[:, JOINTS] - held).max() < 0.04
+    two = make_env(2, pose="bent", joint_noise=0.0)
+    still, _ = two.reset(seed=3)
+    np.testing.assert_array_equal(two.loop.starts()[1], np.tile(env.robot.pose("bent"), (2, 1)))
+    np.testing.assert_array_equal(still[0], still[1])
+
+
+def test_a_large_batch_draws_its_starts_from_poses_that_stand_already() -> None:
+    env = make_env(64, pose="bent")
+    env.reset(seed=3)
+    drawn, held = env.loop.starts()
+    states, targets = env._starts
+    assert len(states) == len(np.unique(states, axis=0)) == 512
+    assert all((states == row).all(axis=1).any() for row in drawn)
+    assert len(np.unique(drawn, axis=0)) > 50
+    rows = [int(np.flatnonzero((states == row).all(axis=1))[0]) for row in drawn]
+    np.testing.assert_array_equal(held, targets[rows])
+    # They stand as robots do that stand up at their reset: at rest, with their weight on their feet.
+    start = env.loop.engine.read(np.arange(64))
+    np.testing.assert_array_equal(start.joint_velocity, 0.0)
+    np.testing.assert_allclose(start.foot_force[:, 0].sum(axis=-1), env.robot.weight, rtol=0.01)
 
 
 def test_a_share_of_the_episodes_starts_by_a_drop() -> None:
@@ -106,7 +127,8 @@ def test_a_share_of_the_episodes_starts_by_a_drop() -> None:
     dropped = soles > 0.1
     assert np.mean(dropped) == pytest.approx(0.3, abs=4 * np.sqrt(0.3 * 0.7 / 200))
     assert (soles[dropped].min(), soles[dropped].max()) == (pytest.approx(0.2, abs=0.02), pytest.approx(0.5, abs=0.02))
-    np.testing.assert_allclose(soles[~dropped], 0.0, atol=1.1e-6)
+    # The others stand: the contact gives way by less than 1 mm under their weight.
+    assert -1e-3 < soles[~dropped].min() <= soles[~dropped].max() < 0.0
 
 
 def test_dropped_robots_lean_by_up_to_the_angle_and_the_others_stand_upright() -> None:
@@ -115,7 +137,7 @@ def test_dropped_robots_lean_by_up_to_the_angle_and_the_others_stand_upright() -
     start = env.loop.engine.read(np.arange(200))
     dropped = start.sole_position[:, 0, :, 2].min(axis=1) > 0.1
     lean = np.arccos(start["root_up"][:, 0, 2])
-    np.testing.assert_allclose(lean[~dropped], 0.0, atol=1e-6)
+    np.testing.assert_allclose(lean[~dropped], 0.0, atol=0.01)
     # Uniform from 0 to 0.3: mean 0.15, deviation 0.3 / sqrt(12) = 0.087 each.
     assert lean[dropped].mean() == pytest.approx(0.15, abs=4 * 0.087 / np.sqrt(dropped.sum()))
     assert 0.25 < lean.max() <= 0.3 + 1e-6
@@ -180,9 +202,9 @@ def test_an_ended_episode_begins_anew_in_the_same_step_and_keeps_its_last_observ
     tilt = np.abs(info["final_obs"][fallen, PITCH - 1 : PITCH + 1]).max()
     assert tilt > 0.5
     np.testing.assert_array_equal(info["_final_obs"], terminated)
-    np.testing.assert_allclose(observations[fallen, PITCH - 1 : PITCH + 1], 0.0, atol=1e-9)
-    assert np.abs(observations[fallen, JOINTS]).max() <= 0.01 + 1e-6
-    np.testing.assert_allclose(observations[fallen, 11:28], 0.0, atol=1e-9)
+    np.testing.assert_allclose(observations[fallen, PITCH - 1 : PITCH + 1], 0.0, atol=0.01)
+    assert np.abs(observations[fallen, JOINTS]).max() <= 0.01 + 0.04
+    np.testing.assert_array_equal(observations[fallen, 11:28], 0.0)
     assert env.loop.tick[fallen] == 0
     # Who goes on has one and the same observation.
     np.testing.assert_array_equal(info["final_obs"][other], observations[other])

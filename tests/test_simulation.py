@@ -164,7 +164,7 @@ def test_who_diverged_in_any_part_of_a_step_is_known_until_the_next_one_begins(r
 def test_reset_stands_the_robots_where_it_is_told(robot: Robot) -> None:
     engine = MujocoEngine(robot, 3, num_threads=1)
     joints = np.random.default_rng(1).uniform(-0.06, 0.1, (3, robot.num_joints))
-    yaw, height = np.array([0.0, 0.5, -2.5]), np.array([0.0, 0.2, 0.55])
+    yaw, height = np.array([0.0, 0.5, -2.5]), np.array([0.1, 0.2, 0.55])
     start = engine.reset(np.arange(3), joints, yaw, height)
     assert len(start) == 1
     np.testing.assert_array_equal(start.joint_position[:, 0], joints)
@@ -176,8 +176,42 @@ def test_reset_stands_the_robots_where_it_is_told(robot: Robot) -> None:
     corners = sole_corners(start.sole_position, start.foot_orientation, robot.sole_half_size)
     # Put down 1 um deep, so that a sole on the floor touches it for certain.
     np.testing.assert_allclose(corners[..., 2].min(axis=(1, 2, 3)), height - 1e-6, atol=1e-12)
-    assert start.foot_contact[0].any()
+    assert not start.foot_contact.any()
     assert (start.sole_position[:, 0, :, 2].min(axis=-1) > height + 1e-4).all()
+    # In the air the motors hold the pose that there is.
+    np.testing.assert_allclose(start.joint_torque, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("pose", ["straight", "bent"])
+def test_a_robot_on_the_floor_starts_at_rest_with_its_weight_on_its_feet(robot: Robot, pose: str) -> None:
+    engine = MujocoEngine(robot, 32, num_threads=1)
+    noise = np.random.default_rng(1).uniform(-0.02, 0.02, (32, robot.num_joints))
+    held = np.clip(robot.pose(pose) + noise, robot.joint_lower, robot.joint_upper)
+    start = engine.reset(everyone(engine), held)
+    np.testing.assert_array_equal(start.joint_velocity, 0.0)
+    np.testing.assert_array_equal(start.com_velocity, 0.0)
+    np.testing.assert_allclose(start.foot_force[:, 0].sum(axis=-1), robot.weight, rtol=0.01)
+    assert (start.foot_force > 0.15 * robot.weight).all()
+    assert start.foot_contact.all()
+    # At rest the impedance is a spring: the torque is the stiffness times what the weight has bent the joint by.
+    sag = held - start.joint_position[:, 0]
+    np.testing.assert_allclose(start.joint_torque[:, 0], robot.stiffness * sag, atol=0.5)
+    assert 0.005 < np.abs(sag).max() < 0.08
+    # It stands on: 40 ms later each foot still carries what it did, and nothing has begun to move fast.
+    step_to(engine, np.repeat(held[:, None], TICKS_PER_STEP, axis=1))
+    later = engine.read(everyone(engine))
+    np.testing.assert_allclose(later.foot_force, start.foot_force, atol=0.1 * robot.weight)
+    assert np.linalg.norm(later.com_velocity[:, 0], axis=-1).max() < 0.05
+
+
+def test_a_restart_is_the_reset_that_it_was_kept_from(robot: Robot) -> None:
+    engine = MujocoEngine(robot, 3, num_threads=1)
+    held = np.tile(robot.pose("bent"), (3, 1)) + np.array([[0.0], [0.01], [-0.01]])
+    start = engine.reset(everyone(engine), held)
+    kept, targets = engine.rest_states(everyone(engine)), np.repeat(held[:, None], TICKS_PER_STEP, axis=1)
+    record, moved = start.record.copy(), step_to(engine, targets).record.copy()
+    np.testing.assert_array_equal(engine.restart(np.array([0, 2]), kept[[0, 2]]).record, record[[0, 2]])
+    np.testing.assert_array_equal(step_to(engine, targets[[0, 2]], np.array([0, 2])).record, moved[[0, 2]])
 
 
 def test_reset_of_one_robot_leaves_the_others_and_forgets_its_past(robot: Robot) -> None:

@@ -29,11 +29,6 @@ class Normalisation:
         loop = env.loop
         start = loop.reset(np.array([0]), loop.nominal[None])
         standing = observation.observe(start)[0, 0]
-        # At the first tick no ground force is felt yet; each foot is to carry half the weight.
-        names = observation.component_names(env.robot)
-        for i, name in enumerate(names):
-            if name.startswith("foot_force"):
-                standing[i] = 0.5 * env.robot.weight / env.robot.load_unit
         source, sign = observation.mirror(env.robot)
         self.mean = 0.5 * (standing + sign * standing[source])
         self.std = observation.scales(env.robot)

@@ -46,15 +46,30 @@ class Engine(Protocol):
         roll: np.ndarray | float = 0.0,
         pitch: np.ndarray | float = 0.0,
     ) -> StepRecord:
-        """Stand robots `ids` (n,) at rest, the lowest corner of the soles `height` [m] above the floor.
+        """Put robots `ids` (n,) at rest, their motors holding `joint_position`.
+
+        A robot on the floor stands: its weight is on its feet and has moved its joints as far as their stiffness lets
+        it. A robot above the floor is as it was placed, and its motors exert no torque.
 
         Args:
             ids: (n,).
             joint_position: (n, num_joints) [rad].
             yaw: heading [rad], scalar or (n,).
-            height: of the lowest corner [m], scalar or (n,).
+            height: of the lowest corner of the soles above the floor [m], scalar or (n,); 0 for on the floor.
             roll: of the root [rad], scalar or (n,).
             pitch: of the root [rad], scalar or (n,).
+
+        Returns:
+            One tick of each: the state from which they start.
+        """
+        ...
+
+    def rest_states(self, ids: np.ndarray) -> np.ndarray:
+        """Return what `restart` needs (n, size) to put robots where `ids` (n,) have just been put by `reset`."""
+        ...
+
+    def restart(self, ids: np.ndarray, states: np.ndarray) -> StepRecord:
+        """Put robots `ids` (n,) into states (n, size) of `rest_states`, without the time that standing up takes.
 
         Returns:
             One tick of each: the state from which they start.

@@ -22,10 +22,13 @@ from surefoot.robots.model import DAMPING_COLUMN, FLOOR, STIFFNESS_COLUMN, compi
 
 _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-_AT_REST = ("qvel", "qacc_warmstart", "ctrl", "xfrc_applied")
+_AT_REST = ("qvel", "qacc_warmstart", "xfrc_applied")
 _DIVERGENCE_WARNINGS = slice(int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjNWARNING))
 _TOUCH = 1e-6
 """A robot is put down so deep [m]: with soles at exactly zero, rounding would decide whether they touch."""
+_RELAX_S, _RELAX_TIMES = 0.08, 4
+"""A robot that is put on the floor holds its pose for this time [s], so many times, and is stopped after each: by then
+its weight is on its feet to within 1 %. The time is a quarter of the period of a joint that swings at 20 rad/s."""
 
 ENGINE_NAME = f"mujoco {mujoco.__version__}"
 """The engine and its version, which every result is kept with."""
@@ -60,7 +63,7 @@ class MujocoEngine:
         self.batch = Batch(self.model, num_robots, nthread=num_threads)
         self._qpos = self.batch.bind("qpos")
         self._qvel = self.batch.bind("qvel")
-        self._bound = {name: self.batch.bind(name) for name in _AT_REST}
+        self._bound = {name: self.batch.bind(name) for name in (*_AT_REST, "ctrl")}
         self._sensordata = self.batch.bind("sensordata")
         self._record = np.zeros((num_robots, TICKS_PER_STEP, self.model.nsensordata))
         num_controls = self.model.nu + 6 * self.model.nbody
@@ -84,21 +87,13 @@ class MujocoEngine:
         roll: np.ndarray | float = 0.0,
         pitch: np.ndarray | float = 0.0,
     ) -> StepRecord:
-        """Stand robots `ids` (n,) at rest, lowest sole corner `height` [m] above the floor.
+        """Put robots `ids` (n,) at rest, as `Engine.reset` says.
 
-        Args:
-            ids: (n,).
-            joint_position: (n, num_joints) [rad].
-            yaw: heading [rad], scalar or (n,).
-            height: of the lowest corner of the soles [m], scalar or (n,).
-            roll: of the root [rad], scalar or (n,).
-            pitch: of the root [rad], scalar or (n,).
-
-        Returns:
-            One tick of each: the state they start from.
+        A pose on the floor is relaxed: the joint impedance holds it while the weight settles on the feet, and the
+        robot is stopped again and again, so that it ends at rest before it can sway.
         """
-        for name in _AT_REST:  # `Batch.reset` does the same in five times the time
-            self._bound[name][ids] = 0.0
+        self._stop(ids)
+        self._bound["ctrl"][ids] = joint_position
         self._qpos[ids, :2] = 0.0
         self._qpos[ids, 2] = self.model.qpos0[2]
         self._qpos[ids, 7:] = joint_position
@@ -109,6 +104,33 @@ class MujocoEngine:
         corners = sole_corners(soles.sole_position, soles.foot_orientation, self.robot.sole_half_size)
         clearance = (corners @ self._floor_normal / self._floor_normal[2]).min(axis=(1, 2, 3))
         self._qpos[ids, 2] += height - _TOUCH - clearance
+        on_floor = np.equal(height, 0.0) & np.equal(roll, 0.0) & np.equal(pitch, 0.0)
+        self._relax(ids[np.broadcast_to(on_floor, len(ids))])
+        self.batch.forward(ids)
+        return self.read(ids)
+
+    def _relax(self, ids: np.ndarray) -> None:
+        if not len(ids):
+            return
+        num_ticks = round(_RELAX_S / self.model.opt.timestep)
+        held = np.zeros((len(ids), num_ticks, self._control.shape[2]))
+        held[..., : self.model.nu] = self._bound["ctrl"][ids, None]
+        for _ in range(_RELAX_TIMES):
+            self.batch.rollout(num_ticks, held, _CONTROL_SPEC, ids=ids)
+            self._stop(ids)
+
+    def _stop(self, ids: np.ndarray) -> None:
+        for name in _AT_REST:  # `Batch.reset` does the same in five times the time
+            self._bound[name][ids] = 0.0
+
+    def rest_states(self, ids: np.ndarray) -> np.ndarray:
+        """Where robots `ids` (n,) are and what their motors hold, if they are at rest: (n, size)."""
+        return np.concatenate([self._qpos[ids], self._bound["ctrl"][ids]], axis=1)
+
+    def restart(self, ids: np.ndarray, states: np.ndarray) -> StepRecord:
+        """Put robots `ids` (n,) at rest into states (n, size) of `rest_states`; returns one tick of each."""
+        self._stop(ids)
+        self._qpos[ids], self._bound["ctrl"][ids] = np.split(states, [self.model.nq], axis=1)
         self.batch.forward(ids)
         return self.read(ids)
 

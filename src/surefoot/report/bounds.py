@@ -21,8 +21,9 @@ def capture_point_bound(robot: Robot, pose: str | np.ndarray, angles: Sequence[f
         pose: a named pose or joint angles (num_joints,) [rad].
     """
     joints = robot.pose(pose) if isinstance(pose, str) else pose
-    start = MujocoEngine(robot, 1).reset(np.array([0]), joints[None])
-    # At rest before the first contact: both soles lie flat, so that all their corners support.
+    # Above the floor no weight moves the joints: the pose is exact, and both soles are flat, so that all their corners
+    # support.
+    start = MujocoEngine(robot, 1).reset(np.array([0]), joints[None], height=1.0)
     polygon = start.flat_support_polygon()
     com = start.com_position[0, 0, :2]
     height = float(start.com_height[0, 0])

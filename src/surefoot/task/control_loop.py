@@ -77,8 +77,8 @@ class ControlLoop:
         self._path, self._parts = CUBIC, [WHOLE_STEP]
         self._stiffness, self._clips_targets = robot.stiffness, True
         self._seen: StepRecord | None = None
-        start = self.reset(self._everyone, self._target)
-        self.nominal_com_height = float(start.com_height[0, 0])
+        self.nominal_com_height = float(self.engine.reset(np.array([0]), nominal[None], height=1.0).com_height[0, 0])
+        self.reset(self._everyone, self._target)
 
     def prepare(self, agent: Agent) -> None:
         """Let an agent drive the robots from now on; its rate, path, inputs and gains are asked for here only.
@@ -122,17 +122,30 @@ class ControlLoop:
     def reset(self, ids: np.ndarray, joint_position: np.ndarray, **stance: np.ndarray | float) -> StepRecord:
         """Put perfect robots `ids` (n,) at rest and without a push, and let the agent forget them.
 
+        The motors hold the start pose, from which the path to the first joint targets begins, and the filter is in the
+        steady state of what is felt then.
+
         Args:
             ids: the robots' numbers.
             joint_position: (n, num_joints) [rad].
-            stance: as for `MujocoEngine.reset`.
+            stance: as for `Engine.reset`.
 
         Returns:
             One tick: the state that they start from.
         """
-        start = self.engine.reset(ids, joint_position, **stance)
+        return self._begin(ids, self.engine.reset(ids, joint_position, **stance), joint_position)
+
+    def starts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where all robots are right after their reset, for `restart`: states of the engine, joint targets."""
+        return self.engine.rest_states(self._everyone), self._target.copy()
+
+    def restart(self, ids: np.ndarray, states: np.ndarray, joint_targets: np.ndarray) -> StepRecord:
+        """Reset robots `ids` (n,) to rows of `starts`, without the time that it takes a robot to stand up."""
+        return self._begin(ids, self.engine.restart(ids, states), joint_targets)
+
+    def _begin(self, ids: np.ndarray, start: StepRecord, joint_targets: np.ndarray) -> StepRecord:
         self._filter.reset(ids, _vectors(start))
-        self._target[ids] = self.nominal
+        self._target[ids] = joint_targets
         self.tick[ids] = 0
         self.pushes.cancel(ids)
         if self.imperfect.any():

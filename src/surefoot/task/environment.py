@@ -18,6 +18,10 @@ from surefoot.task.imperfections import Imperfections
 from surefoot.task.privileged import PrivilegedObservation
 from surefoot.task.random_pushes import DisturbanceConfig, RandomPushes
 
+NUM_STARTS = 512
+"""A batch of at least an eighth as many robots draws its starts on the floor from so many poses that stand already,
+since standing up takes time. Fewer robots stand up anew at each reset."""
+
 Schedule = tuple[tuple[float, float], ...]
 """Knots (share of the training done, value), linear between them."""
 
@@ -146,6 +150,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
     def _seed(self, seed: int | None) -> None:
         self.generator, self._np_random_seed = gym.utils.seeding.np_random(seed)
         self._np_random = self.generator
+        self._starts = self._stand_up() if 8 * self.num_envs >= NUM_STARTS else None
         self.random_pushes = RandomPushes(self.config.disturbance, self.loop.pushes, self.generator)
 
     def set_progress(self, progress: float) -> None:
@@ -225,12 +230,18 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
 
     def _reset(self, ids: np.ndarray) -> None:
         rng, config, n = self.generator, self.config, len(ids)
-        noise = rng.uniform(-config.joint_noise, config.joint_noise, (n, self.robot.num_joints))
-        joints = np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
         dropped = rng.random(n) < config.drop_share
         height = dropped * rng.uniform(*config.drop_height, n)
         lean = dropped * rng.uniform(0.0, config.drop_lean, n) * np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, n))
-        self.loop.reset(ids, joints, height=height, roll=lean.real, pitch=lean.imag)
+        anew = np.ones(n, bool)
+        if self._starts:
+            states, joint_targets = self._starts
+            drawn = rng.integers(len(states), size=n)
+            self.loop.restart(ids, states[drawn], joint_targets[drawn])
+            anew = height > 0.0
+        if anew.any():
+            joints = self._start_joints(int(anew.sum()))
+            self.loop.reset(ids[anew], joints, height=height[anew], roll=lean.real[anew], pitch=lean.imag[anew])
         self._dropped[ids] = dropped
         self._pays_posture[ids] = True
         self._heading[ids] = 1.0
@@ -238,6 +249,20 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         if config.noise_share:
             self._add_noise(ids[rng.random(n) < config.noise_share])
         self.random_pushes.reset(ids)
+
+    def _stand_up(self) -> tuple[np.ndarray, np.ndarray]:
+        """Draw `NUM_STARTS` starts on the floor and let them stand: states of the engine, joint targets."""
+        starts = []
+        for _ in range(-(-NUM_STARTS // self.num_envs)):
+            self.loop.reset(np.arange(self.num_envs), self._start_joints(self.num_envs))
+            starts.append(self.loop.starts())
+        states, joint_targets = zip(*starts, strict=True)
+        return np.concatenate(states), np.concatenate(joint_targets)
+
+    def _start_joints(self, n: int) -> np.ndarray:
+        """Draw start angles (n, num_joints) [rad]."""
+        noise = self.generator.uniform(-self.config.joint_noise, self.config.joint_noise, (n, self.robot.num_joints))
+        return np.clip(self.loop.nominal + noise, self.robot.joint_lower, self.robot.joint_upper)
 
     def _add_noise(self, ids: np.ndarray) -> None:
         """Give robots `ids` (n,) noise of a random size."""
