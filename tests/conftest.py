@@ -49,8 +49,8 @@ def an_outcome(**changes: object) -> Outcome:
     values = {
         "recovered": True, "reason": "recovered", "seconds": 10.0, "foot_shift": 0.0, "com_speed": 0.01,
         "root_tilt": 0.1, "ankle": False, "hip": False, "foot_tilt": False, "steps": 0, "quiet_drift": 0.001,
-        "quiet_power": 2.0, "quiet_steps": 0.0, "torque_ratio": 0.5, "speed_ratio": 0.25, "torque_peaks": (10.0,) * 6,
-        "speed_peaks": (1.0,) * 6, "saturated_s": (0.0,) * 6,
+        "quiet_power": 2.0, "quiet_steps": 0.0, "torque_ratio": 0.5, "speed_ratio": 0.25, "sustained_speed_ratio": 0.2,
+        "torque_peaks": (10.0,) * 6, "speed_peaks": (1.0,) * 6, "saturated_s": (0.0,) * 6,
     }  # fmt: skip
     return Outcome(**(values | changes))
 

@@ -163,3 +163,22 @@ def test_a_trial_is_judged_at_its_own_horizon(robot: Robot, horizon: float) -> N
     assert end <= len(trace["com_velocity"]) < end + 20
     mean_speed = np.linalg.norm(trace["com_velocity"][end - 500 : end], axis=1).mean()
     assert outcome.com_speed == pytest.approx(mean_speed, rel=1e-12)
+
+
+def test_a_trial_within_limits_exceeds_no_speed_limit_by_more_than_a_tenth_as_a_mean_over_10_ms(robot: Robot) -> None:
+    agent, trial = NominalAgent(robot, "bent"), pushed(400.0, 0, FORWARD)
+    outcome, trace = run_one(agent, trial, "joint_velocity")
+    # By hand: the mean of five ticks of 2 ms, over all places of these five in the trial.
+    velocity = trace["joint_velocity"]
+    means = [np.abs(velocity[i : i + 5].mean(axis=0)) for i in range(len(velocity) - 4)]
+    expected = float((np.array(means) / robot.velocity_limit).max())
+    assert outcome.sustained_speed_ratio == pytest.approx(expected, rel=1e-12)
+    assert (
+        outcome.sustained_speed_ratio
+        < outcome.speed_ratio
+        == pytest.approx(float((np.abs(velocity) / robot.velocity_limit).max()))
+    )
+    assert an_outcome(sustained_speed_ratio=1.1).is_within_limits(1.1)
+    assert not an_outcome(sustained_speed_ratio=1.11).is_within_limits(1.1)
+    # A trial of an older table, which does not know, is not within limits.
+    assert not an_outcome(sustained_speed_ratio=np.nan).is_within_limits(1.1)

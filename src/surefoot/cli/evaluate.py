@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,7 +35,7 @@ class Evaluate:
     """push (pushes at the floating body, the robot's root), paper (everything that the paper tests), robustness
     (beyond the paper), or a scenario file (.toml, docs/scenarios.md)."""
     directions: int = 4
-    """Number of directions of these pushes, evenly spaced."""
+    """Number of directions of the pushes at the root, evenly spaced."""
     robot: str = ""
     """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, docs/robot.md); the
     shipped policies' robot without it."""
@@ -138,15 +138,21 @@ def _print_tables(
 def chosen_scenarios(suite_name: str, num_directions: int, robot: Robot) -> list[Scenario]:
     """The scenarios of a suite for a robot, with so many directions of the pushes at the floating body.
 
+    Every scenario that is searched comes twice: as it is, and within the joints' limits.
+
     Raises:
         UserError: there is no such suite.
     """
     from surefoot.evaluation.scenario_file import suite
-    from surefoot.evaluation.scenarios import Scenario
+    from surefoot.evaluation.scenarios import Scenario, with_limits
 
-    root = Scenario("root_push", directions=num_directions)
+    root = Scenario("root_push")
+    without_step = Scenario("root_push_no_step", without_step=True)
     if suite_name == robot.root:  # the suite's name until version 0.1
         say(f"--suite {suite_name} is now called --suite push")
     if suite_name in ("push", robot.root):
-        return [root]
-    return [root if scenario == Scenario("root_push") else scenario for scenario in suite(suite_name, robot)]
+        found: Sequence[Scenario] = [root]
+    else:
+        found = suite(suite_name, robot)
+    turned = [replace(s, directions=num_directions) if s in (root, without_step) else s for s in found]
+    return with_limits(turned)

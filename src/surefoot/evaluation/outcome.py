@@ -24,6 +24,7 @@ class Outcome:
         quiet_power: mean of sum |torque * velocity| over the calm time [W].
         quiet_steps: steps in the calm time. These three are NaN for a trial that ended before its horizon.
         torque_ratio, speed_ratio: largest share of a joint's torque and speed limit that was used.
+        sustained_speed_ratio: largest share of a joint's speed limit that its mean speed over 10 ms used.
         torque_peaks, speed_peaks: largest torque [Nm] and speed [rad/s] by joint group.
         saturated_s: time that the most saturated joint of each group was at its torque limit [s].
     """
@@ -43,6 +44,7 @@ class Outcome:
     quiet_steps: float
     torque_ratio: float
     speed_ratio: float
+    sustained_speed_ratio: float
     torque_peaks: tuple[float, ...]
     speed_peaks: tuple[float, ...]
     saturated_s: tuple[float, ...]
@@ -50,6 +52,10 @@ class Outcome:
     def is_without_step(self, step_length: float) -> bool:
         """Whether it recovered while no foot came farther than a step's length [m] from its place."""
         return self.recovered and self.foot_shift <= step_length
+
+    def is_within_limits(self, speed_share: float) -> bool:
+        """Whether no joint's speed exceeded this share of its limit as a mean over 10 ms."""
+        return self.sustained_speed_ratio <= speed_share
 
 
 def joint_groups(robot: Robot) -> tuple[str, ...]:

@@ -34,6 +34,9 @@ class Protocol:
         quiet_time: a trial that may end early has recovered once it has stood upright and slow for this long [s].
         quiet_from: quiet standing is measured from this time after the beginning of the disturbance on [s].
         saturation: a joint counts as saturated above this share of its torque limit.
+        speed_share: a trial is within limits if no joint's speed exceeds this share of its limit,
+        speed_time: as a mean over this time [s], which forgives the single ticks of an impact. Torques cannot exceed
+            their limits.
         ankle_shift: ankle strategy, shift of the CoP within the standing soles [m].
         hip_angle_deg, hip_momentum: hip strategy, turn of the trunk and change of the angular momentum [kg m^2/s].
         foot_tilt_deg: foot tilt, angle of a loaded sole from flat.
@@ -56,7 +59,7 @@ class Protocol:
         min_neighbour_share: share of these that must recover; otherwise the cells give way.
     """
 
-    version: int = 1
+    version: int = 2
 
     policy_hz: int = POLICY_HZ
     control_hz: int = CONTROL_HZ
@@ -72,6 +75,8 @@ class Protocol:
     quiet_time: float = 2.0
     quiet_from: float = 5.0
     saturation: float = 0.999
+    speed_share: float = 1.1
+    speed_time: float = 0.01
 
     ankle_shift: float = 0.02
     hip_angle_deg: float = 3.0

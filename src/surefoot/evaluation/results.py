@@ -21,6 +21,7 @@ from surefoot.agents.controllers.step_times import Timing
 from surefoot.errors import UserError, notice
 from surefoot.evaluation import results_export
 from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.results_old import OLD_SCHEMAS, copy_into, copy_to
 from surefoot.evaluation.results_schema import (
     IS_KEY,
     KEY,
@@ -36,7 +37,6 @@ from surefoot.evaluation.results_schema import (
     outcome_values,
     threshold_of,
 )
-from surefoot.evaluation.results_schema2 import SCHEMA_2, copy_into, copy_to
 from surefoot.evaluation.scenarios import Scenario, from_json
 from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
@@ -72,7 +72,7 @@ class Row:
 class Results:
     """One results file, opened for appending; a context manager.
 
-    A file of the last version is left as it is: its rows are copied into a file of this version beside it, which is
+    A file of an older version is left as it is: its rows are copied into a file of this version beside it, which is
     used instead, or into memory where no file can be written.
 
     Args:
@@ -88,14 +88,14 @@ class Results:
             self._db = sqlite3.connect(path, timeout=60.0)
             version = self._db.execute("PRAGMA user_version").fetchone()[0]
             tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-            if tables and version not in (SCHEMA, SCHEMA_2):
+            if tables and version not in (SCHEMA, *OLD_SCHEMAS):
                 raise UserError(f"{path} is a results table of version {version}, not {SCHEMA}; give another file")
             damage = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
             if damage != "ok":
                 raise UserError(f"cannot use {path} as a results table: {' '.join(damage.split())}")
-            if tables and version == SCHEMA_2:
+            if tables and version in OLD_SCHEMAS:
                 self._db.close()
-                self.path, self._db = _renewed(self.path)
+                self.path, self._db = _renewed(self.path, version)
             self._db.executescript(TABLES)
             self._db.execute(f"PRAGMA user_version = {SCHEMA}")
             self._db.commit()
@@ -283,8 +283,8 @@ def open_results(path: str | Path) -> Results:
     return Results(path)
 
 
-def _renewed(path: Path) -> tuple[Path, sqlite3.Connection]:
-    """A copy of a table of the last version in today's tables: beside it, or in memory."""
+def _renewed(path: Path, version: int) -> tuple[Path, sqlite3.Connection]:
+    """A copy of a table of an older version in today's tables: beside it, or in memory."""
     new = path.with_name(f"{path.stem}-schema{SCHEMA}{path.suffix}")
     if not new.exists():
         part = new.with_name(f".{new.name}.part")
@@ -296,5 +296,5 @@ def _renewed(path: Path) -> tuple[Path, sqlite3.Connection]:
             db = sqlite3.connect(":memory:")
             copy_into(path, db)
             return path, db
-    notice(f"{path} is a results table of version {SCHEMA_2}; its copy in version {SCHEMA} is used: {new}")
+    notice(f"{path} is a results table of version {version}; its copy in version {SCHEMA} is used: {new}")
     return new, sqlite3.connect(new, timeout=60.0)

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.errors import UserError
+from surefoot.evaluation.results_old import threshold_row
 from surefoot.evaluation.results_schema import Key, as_dicts, latest, threshold_of
-from surefoot.evaluation.results_schema2 import threshold_row
 from surefoot.evaluation.threshold_search import Threshold
 
 EXPORT_SUFFIXES = (".csv", ".parquet")

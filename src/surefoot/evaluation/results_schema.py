@@ -16,7 +16,7 @@ from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.robots import load_robot
 
-SCHEMA = 3
+SCHEMA = 4
 """Version of the tables, in SQLite's `user_version`."""
 
 SETUP_COLUMNS = tuple(field.name for field in dataclasses.fields(Setup))

@@ -151,7 +151,7 @@ def _value(key: str, value: Any, where: str) -> Any:
         return _interval(value, where)
     if key in _RANGES:
         return _number(key, value, where)
-    expected = bool if key in ("without_step", "preceding_upward") else str
+    expected = bool if key in ("without_step", "within_limits", "preceding_upward") else str
     if not isinstance(value, expected):
         raise UserError(f"{where}: {key} must be {'true or false' if expected is bool else 'a text'}, not {value}")
     return value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ OLD_KEYS = {
 }
 """Keys of scenario files until version 0.1, and what they are called now."""
 
+_LIMITED = "_within_limits"
+
 UNITS = {"impulse": "Ns", "height": "m", "tilt": "deg"}
 """What can be searched, and its unit."""
 
@@ -53,6 +56,7 @@ class Scenario:
         preceding_upward: the preceding push lifts the robot instead of pushing it in the same direction.
         push_interval: range of the time from the preceding push's start to the other's [s]; drawn by the seed.
         without_step: recovered only counts if no foot left its place.
+        within_limits: recovered only counts if no joint exceeded its speed limit, see `Protocol`.
         trials: per direction, if nothing is searched.
         horizon, quiet_from: see `Trial` [s].
         observation_noise, action_noise, sensor_bias, latency: see `Imperfections`.
@@ -71,6 +75,7 @@ class Scenario:
     preceding_upward: bool = False
     push_interval: tuple[float, float] = (0.0, 0.0)
     without_step: bool = False
+    within_limits: bool = False
     trials: int = 8
     horizon: float = PROTOCOL.horizon
     quiet_from: float = PROTOCOL.quiet_from
@@ -154,10 +159,13 @@ class Line:
         return [self._trial(seed, full_length=True) for seed in range(self.scenario.trials)]
 
     def succeeded(self, outcome: Outcome) -> bool:
-        """Whether the trial recovered, without a step where the scenario asks for that."""
-        if self.scenario.without_step:
-            return outcome.is_without_step(self.protocol.step_length)
-        return outcome.recovered
+        """Whether the trial recovered, without a step and within the joints' limits where the scenario asks for it."""
+        scenario, protocol = self.scenario, self.protocol
+        return (
+            outcome.recovered
+            and (not scenario.without_step or outcome.is_without_step(protocol.step_length))
+            and (not scenario.within_limits or outcome.is_within_limits(protocol.speed_share))
+        )
 
     def _trial(
         self,
@@ -199,6 +207,25 @@ def _direction_name(angle: float) -> str:
     degrees = round(math.degrees(angle), 6) % 360.0
     names = {round(math.degrees(a), 6): name for name, a in DIRECTIONS.items()}
     return names.get(degrees, f"{degrees:g}")
+
+
+def limited_name(scenario: str) -> str:
+    """The name of the scenario that asks for the same within the joints' limits."""
+    return f"{scenario}{_LIMITED}"
+
+
+def with_limits(scenarios: Sequence[Scenario]) -> list[Scenario]:
+    """The scenarios, and after each that is searched the one that asks for the same within the joints' limits.
+
+    Both ask for the same trials wherever they can, so that the second costs little.
+    """
+    names, found = {scenario.name for scenario in scenarios}, []
+    for scenario in scenarios:
+        found.append(scenario)
+        twin = limited_name(scenario.name)
+        if scenario.search and not scenario.within_limits and twin not in names:
+            found.append(dataclasses.replace(scenario, name=twin, within_limits=True))
+    return found
 
 
 def from_json(values: dict[str, Any]) -> Scenario:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from surefoot.evaluation.outcome import Outcome, group_columns
 from surefoot.evaluation.protocol import PROTOCOL
@@ -15,6 +16,7 @@ from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import Robot
 
 _JUDGED_TICKS = round(PROTOCOL.judged_time * CONTROL_HZ)
+_SPEED_TICKS = round(PROTOCOL.speed_time * CONTROL_HZ)
 
 
 class TrialMonitor:
@@ -44,6 +46,8 @@ class TrialMonitor:
         self._quiet_work = np.zeros(num_robots)
         self._torque_peak = np.zeros((num_robots, robot.num_joints))
         self._speed_peak = np.zeros((num_robots, robot.num_joints))
+        self._last_speeds = np.zeros((num_robots, _SPEED_TICKS - 1, robot.num_joints))
+        self._sustained_speed = np.zeros((num_robots, robot.num_joints))
         self._saturated = np.zeros((num_robots, robot.num_joints), np.int64)
         self._groups = group_columns(robot)
 
@@ -78,7 +82,7 @@ class TrialMonitor:
         self._least_upright[ids] = 1.0
         for seen in (
             self._speed_sum, self._tilted, self._foot_shift, self._quiet_drift, self._quiet_work, self._torque_peak,
-            self._speed_peak, self._saturated,
+            self._speed_peak, self._last_speeds, self._sustained_speed, self._saturated,
         ):  # fmt: skip
             seen[ids] = 0
 
@@ -148,6 +152,10 @@ class TrialMonitor:
         torque = np.abs(ticks.joint_torque)
         self._torque_peak[ids] = np.maximum(self._torque_peak[ids], torque.max(axis=1))
         self._speed_peak[ids] = np.maximum(self._speed_peak[ids], np.abs(ticks.joint_velocity).max(axis=1))
+        velocity = np.concatenate([self._last_speeds[ids], ticks.joint_velocity], axis=1)
+        self._last_speeds[ids] = velocity[:, -_SPEED_TICKS + 1 :]
+        mean = np.abs(sliding_window_view(velocity, _SPEED_TICKS, axis=1).mean(axis=-1)).max(axis=1)
+        self._sustained_speed[ids] = np.maximum(self._sustained_speed[ids], mean)
         self._saturated[ids] += (torque >= PROTOCOL.saturation * self._torque_limit).sum(axis=1)
 
     def _verdict(self, robot: int, failed: str, fell: bool, diverged: bool, over: bool, now: int) -> Outcome:
@@ -175,6 +183,7 @@ class TrialMonitor:
             quiet_steps=float(sum(step.time >= quiet_from for step in did.steps)) if stood else np.nan,
             torque_ratio=float((torque / self._torque_limit).max()),
             speed_ratio=float((joint_speed / self.robot.velocity_limit).max()),
+            sustained_speed_ratio=float((self._sustained_speed[robot] / self.robot.velocity_limit).max()),
             torque_peaks=tuple(float(torque[columns].max()) for columns in self._groups),
             speed_peaks=tuple(float(joint_speed[columns].max()) for columns in self._groups),
             saturated_s=tuple(float(self._saturated[robot, columns].max()) * CONTROL_DT for columns in self._groups),

@@ -8,14 +8,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.scenarios import DIRECTIONS, readable_name
+from surefoot.evaluation.scenarios import DIRECTIONS, limited_name, readable_name
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
 from surefoot.report.bounds import capture_point_bound
-from surefoot.report.thresholds import by_scenario, has_main_directions
+from surefoot.report.thresholds import LATERAL, SAGITTAL, by_scenario, has_main_directions
 from surefoot.robots import Robot
 
 PUSHES = ("root_push", "root_push_no_step", "torso_push", "thigh_push", "shank_push")
+_LANDING = {"landing_height": "height_m", "landing_tilt": "angle_deg", "combined": "horizontal_Ns"}
+"""Scenario -> last part of its metric's key."""
 QUIET_AFTER = "quiet_after_"
 
 
@@ -42,16 +44,12 @@ def flat_metrics(
     for name, lines in found.items():
         figures |= _threshold_figures(name, list(lines.values()), robot)
     for name in ("root_push", "root_push_no_step"):
-        lines = found.get(name, {})
-        if has_main_directions(lines):
-            figures[f"{name}.sagittal"] = min(lines[d].size for d in ("forward", "backward"))
-            figures[f"{name}.lateral"] = min(lines[d].size for d in ("left", "right"))
-    if "landing_height" in found:
-        figures["landing.height_m"] = min(t.size for t in found["landing_height"].values())
-    if "landing_tilt" in found:
-        figures["landing.angle_deg"] = min(t.size for t in found["landing_tilt"].values())
-    if "combined" in found:
-        figures["combined.horizontal_Ns"] = min(t.size for t in found["combined"].values())
+        figures |= _plane_figures(name, found.get(name, {}))
+        figures |= _plane_figures(limited_name(name), found.get(limited_name(name), {}))
+    for name, end in _LANDING.items():
+        for named in (str, limited_name):
+            if found_lines := found.get(named(name)):
+                figures[f"{named(name.split('_')[0])}.{end}"] = min(t.size for t in found_lines.values())
     figures |= _noise_figures(found)
     figures |= _quiet_figures(fixed)
     figures["audit.worst_torque_ratio"], figures["audit.worst_speed_ratio"] = (round(share, 4) for share in audit)
@@ -59,6 +57,18 @@ def flat_metrics(
         figures[f"bound.{name}"] = round(bound, 1)
     figures["evaluate.wall_s"] = round(wall_s, 2)
     return figures | _with_old_names(figures, robot)
+
+
+def _plane_figures(name: str, lines: Mapping[str, Threshold]) -> dict[str, float]:
+    """The worse direction of each plane, and the better sagittal one, of which the paper speaks."""
+    if not has_main_directions(lines):
+        return {}
+    sagittal = [lines[d].size for d in SAGITTAL]
+    return {
+        f"{name}.sagittal": min(sagittal),
+        f"{name}.better_sagittal": max(sagittal),
+        f"{name}.lateral": min(lines[d].size for d in LATERAL),
+    }
 
 
 def _with_old_names(figures: Mapping[str, float], robot: Robot) -> dict[str, float]:
@@ -84,7 +94,7 @@ def _threshold_figures(name: str, thresholds: Sequence[Threshold], robot: Robot)
     sizes = [t.size for t in thresholds]
     figures[f"{name}.worst"], figures[f"{name}.best"] = min(sizes), max(sizes)
     figures[f"{name}.directions"] = len(sizes)
-    if name in PUSHES:
+    if name in PUSHES or name in map(limited_name, PUSHES):
         figures[f"{name}.worst_Ns_per_kg"] = round(min(sizes) / robot.mass, 4)
         figures[f"{name}.best_Ns_per_kg"] = round(max(sizes) / robot.mass, 4)
     return figures

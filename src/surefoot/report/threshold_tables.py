@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from surefoot.evaluation.scenarios import readable_name
+from surefoot.evaluation.protocol import PROTOCOL
+from surefoot.evaluation.scenarios import limited_name, readable_name
 from surefoot.evaluation.suites import PAPER
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.report import paper
@@ -24,14 +25,21 @@ from surefoot.report.thresholds import (
 )
 from surefoot.robots import Robot
 
+LIMITS_NOTE = (
+    f"Within limits: no joint exceeds {PROTOCOL.speed_share:g} times its speed limit as a mean over"
+    f" {1000 * PROTOCOL.speed_time:g} ms; torques cannot exceed theirs."
+)
+
 
 def direction_table(name: str, thresholds: Sequence[Threshold], robot: Robot, pose: np.ndarray) -> Table:
     """Pushes of one policy at the robot's root, a row per direction."""
     pushes = root_pushes(thresholds)
+    limited = by_scenario(thresholds).get(limited_name("root_push"), {})
     bounds = capture_point_bound(robot, pose, [t.line.angle for t in pushes.values()])
     rows = [
         [
             t.line.name,
+            f"{limited[t.line.name].size:g}" if t.line.name in limited else "",
             f"{t.size:g}",
             f"{t.size / robot.mass:.2f}",
             f"{t.recovered}/{t.trials}",
@@ -40,8 +48,8 @@ def direction_table(name: str, thresholds: Sequence[Threshold], robot: Robot, po
         ]
         for t, bound in zip(pushes.values(), bounds, strict=True)
     ]
-    columns = ["direction", "rejected [Ns]", "[Ns/kg]", "recovered", "Wilson 95 %", "eq. (6) [Ns]"]
-    return Table(f"Rejected impulse at the {root_words(robot)}: {name}", columns, rows)
+    columns = ["direction", "within limits [Ns]", "any [Ns]", "[Ns/kg]", "recovered", "Wilson 95 %", "eq. (6) [Ns]"]
+    return Table(f"Rejected impulse at the {root_words(robot)}: {name}", columns, rows, LIMITS_NOTE)
 
 
 def scenario_table(name: str, thresholds: Sequence[Threshold], robot: Robot) -> Table:
@@ -64,15 +72,17 @@ def scenario_table(name: str, thresholds: Sequence[Threshold], robot: Robot) -> 
 
 
 def worst_table(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
-    """The worst direction of every searched scenario of the paper: a row per policy or controller."""
+    """The worst direction of every searched scenario of the paper, within limits and any: two rows per agent."""
     found = {name: by_scenario(thresholds) for name, thresholds in policies.items()}
     searched = [s for s in PAPER if s.search and any(s.name in of_one for of_one in found.values())]
     rows = []
     for name, of_one in found.items():
-        worst = [min((t.size for t in of_one.get(s.name, {}).values()), default=None) for s in searched]
-        rows.append([name, *("" if size is None else f"{size:g}" for size in worst)])
-    columns = ["", *(f"{scenario_words(s.name, robot)} [{s.unit}]" for s in searched)]
-    note = "The largest value that holds in every direction that was tested."
+        for words, named in (("within limits", limited_name), ("any", str)):
+            worst = [min((t.size for t in of_one.get(named(s.name), {}).values()), default=None) for s in searched]
+            if any(size is not None for size in worst):
+                rows.append([name, words, *("" if size is None else f"{size:g}" for size in worst)])
+    columns = ["", "joint speeds", *(f"{scenario_words(s.name, robot)} [{s.unit}]" for s in searched)]
+    note = f"The largest value that holds in every direction that was tested. {LIMITS_NOTE}"
     return Table("The worst direction of every scenario", columns, rows, note)
 
 

@@ -1,4 +1,8 @@
-"""Results of schema 2, which named a setup by one digest and fields by other words: copied into today's tables."""
+"""Results of older schemas, copied into today's tables.
+
+Schema 2 named a setup by one digest and fields by other words. Schema 3 did not know by how much a joint's mean speed
+exceeds its limit; the copy leaves it out.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +26,7 @@ from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json, tr
 from surefoot.evaluation.trials import Trial
 from surefoot.robots import load_robot
 
-SCHEMA_2 = 2
+OLD_SCHEMAS = (2, 3)
 
 _OLD_COLUMNS = {"full_length": "whole"} | {f"quiet_{word}": f"calm_{word}" for word in ("drift", "power", "steps")}
 """Column -> what it was called."""
@@ -55,7 +59,7 @@ def threshold_row(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def copy_to(old: Path, new: str | Path) -> None:
-    """Write the rows of a table of schema 2 into a new table of today's schema; the old file is left as it is.
+    """Write the rows of a table of an older schema into a new table of today's schema; the old file is left as it is.
 
     Raises:
         sqlite3.Error, OSError: one cannot be read or the other not written.
@@ -65,14 +69,17 @@ def copy_to(old: Path, new: str | Path) -> None:
 
 
 def copy_into(old: Path, db: sqlite3.Connection) -> None:
-    """Write the rows of a table of schema 2 into an empty database."""
+    """Write the rows of a table of an older schema into an empty database."""
     with contextlib.closing(sqlite3.connect(f"{old.absolute().as_uri()}?mode=ro", uri=True)) as source:
         db.executescript(TABLES)
-        setups = _setups(source)
+        is_schema_2 = source.execute("PRAGMA user_version").fetchone()[0] == 2
+        setups = _setups(source) if is_schema_2 else {}
         insert(db, "policies", source.execute("SELECT policy, name, contract FROM policies").fetchall())
         for table, columns in _columns(db).items():
             rows = as_dicts(source.execute(f"SELECT * FROM {table} ORDER BY rowid"))
-            insert(db, table, [_values(row, columns, setups[row["policy"], row["setup"]]) for row in rows])
+            if is_schema_2:
+                rows = (_renewed(row, columns, setups[row["policy"], row["setup"]]) for row in rows)
+            insert(db, table, [[row.get(column) for column in columns] for row in rows])
         db.execute(f"PRAGMA user_version = {SCHEMA}")
         db.commit()
 
@@ -96,8 +103,8 @@ def _setups(source: sqlite3.Connection) -> dict[tuple[str, str], Setup]:
     }
 
 
-def _values(row: dict[str, Any], columns: list[str], setup: Setup) -> list[Any]:
-    """What a row has in today's columns."""
+def _renewed(row: dict[str, Any], columns: list[str], setup: Setup) -> dict[str, Any]:
+    """A row of schema 2 by today's columns, as far as it has them."""
     renewed = row | dict(zip(SETUP_COLUMNS, dataclasses.astuple(setup), strict=True))
     if "trial" in row:
         trial = _trial(row["trial"], setup.robot)
@@ -106,7 +113,7 @@ def _values(row: dict[str, Any], columns: list[str], setup: Setup) -> list[Any]:
     if "definition" in row:
         renewed["scenario"], renewed["definition"] = _scenario(row["scenario"], row["definition"], setup.robot)
     old = _OLD_COLUMNS | {"root_tilt": f"{_root(setup.robot)}_tilt"}
-    return [renewed[column] if column in renewed else renewed[old[column]] for column in columns]
+    return {column: renewed.get(column, renewed.get(old.get(column, ""))) for column in columns}
 
 
 def _trial(text: str, robot: str) -> Trial:
