@@ -29,6 +29,9 @@ class Train:
     preset: str = "fast"
     """fast (minutes on a laptop), complete (hours: curriculum stages one after the other, up to the shipped policies),
     paper (the paper's hyperparameters, pose and pushes), or a TOML file of your own."""
+    robot: str = ""
+    """The robot that learns: a shipped robot's name, or a description (.toml, docs/your-robot.md); the preset's without
+    it. The preset's pushes, heights, times and penalties are scaled by its mass and the length of its legs."""
     stage: str | None = None
     """Learn this stage of the preset `complete` alone, after the stage before it or --warm-start, with which it is the
     last one by default; a wrong name is answered with the valid ones."""
@@ -83,16 +86,25 @@ class Train:
             raise UserError(f"unknown stage '{self.stage}' of {self.preset} for {self.algorithm}; valid: {valid}")
         if not names or self.warm_start:
             name = f"{self.preset}/{self.stage or names[-1]}" if names else self.preset
-            config = preset(name, self.algorithm)
+            config = self._for_robot(preset(name, self.algorithm))
             self._run(config, self.run or self._folder(config.preset), resume=False)
             return
-        configs = {name: self._budgeted(preset(f"{self.preset}/{name}", self.algorithm)) for name in names}
+        configs = {
+            name: self._budgeted(self._for_robot(preset(f"{self.preset}/{name}", self.algorithm))) for name in names
+        }
         folder = self.run or self._folder(self.preset)
         stages = begin_stages(folder, configs)
         self._run_stages(folder, [stage for stage in stages if self.stage in (None, stage.name)])
 
+    def _for_robot(self, config: TrainConfig) -> TrainConfig:
+        """The configuration for the robot that learns."""
+        from surefoot.learning.robot_scale import for_robot
+
+        return for_robot(config, self.robot or config.env.robot)
+
     def _folder(self, preset: str) -> Path:
-        return Path("runs") / f"{preset.replace('/', '-')}-{self.algorithm}-{self.seed}"
+        name = f"{preset.replace('/', '-')}-{self.algorithm}-{self.seed}"
+        return Path("runs") / (f"{Path(self.robot).stem}-{name}" if self.robot else name)
 
     def _budgeted(self, config: TrainConfig) -> TrainConfig:
         from surefoot.learning.config import with_budget

@@ -9,18 +9,22 @@ import numpy as np
 
 from surefoot.evaluation.evaluate import push_lines
 from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.evaluation.trials import run_list
+from surefoot.robots import Robot
 from surefoot.task.agent import Agent
 
 NUM_DIRECTIONS = 8
 SPACING = 6
-"""Cells of the grid from one impulse to the next: 36 Ns."""
+"""Cells of the grid from one impulse to the next: 36 Ns for the paper's robot."""
 NUM_IMPULSES = 15
 QUIET_CELL = 17
-"""The whole trials that show how quietly a policy stands afterwards: 102 Ns in every direction."""
+"""The whole trials that show how quietly a policy stands afterwards: 102 Ns in every direction for
+the paper's robot."""
 QUIET_POWER, QUIET_DRIFT = 20.0, 0.01
-"""Standing is quiet with less than this mean power [W] and this drift of the CoM [m], and without a step."""
+"""Standing is quiet with less than this mean power [W] and this drift of the CoM [m], both scaled to
+the robot, and without a step."""
 MAX_SCORE = 4.0
 FIRST_SEED = 1_000_000
 """Far from the evaluation's seeds, which count from 0."""
@@ -37,6 +41,7 @@ class Validation:
             impulse this is a glance, not a measurement.
         quiet: share of whole trials after which the robot stood quietly.
         power: median of the mean power in these from 5 s after the push on [W]; NaN if none stood to its end.
+        largest: impulse that is tried [Ns].
     """
 
     recovered: float
@@ -44,6 +49,7 @@ class Validation:
     rejected: dict[str, float]
     quiet: float
     power: float
+    largest: float = NUM_IMPULSES * SPACING * PROTOCOL.impulse_step
 
     @property
     def score(self) -> float:
@@ -51,9 +57,8 @@ class Validation:
 
         Of the impulses below which nothing failed, those of the worst direction and of the mean count alike.
         """
-        largest = NUM_IMPULSES * SPACING * 6.0
         values = list(self.rejected.values())
-        return self.recovered + (min(values) + float(np.mean(values))) / largest + self.quiet
+        return self.recovered + (min(values) + float(np.mean(values))) / self.largest + self.quiet
 
     def record(self) -> dict[str, float]:
         """Return what a policy's training record keeps; its keys are those of version 0.1."""
@@ -72,6 +77,8 @@ class Validation:
 def validate(policy: Agent, num_threads: int = 0, round: int = 0) -> Validation:
     """Run the held-out trials: 8 directions x 15 impulses from 36 to 540 Ns, one trial each, and 8 whole ones.
 
+    The impulses are those for the paper's robot, and the same cells of the grid for any other.
+
     Args:
         policy: to be validated.
         num_threads: of the physics; 0 for one per core.
@@ -79,7 +86,9 @@ def validate(policy: Agent, num_threads: int = 0, round: int = 0) -> Validation:
             half way between the directions of the others, since a policy may have a hole where its training never
             looks.
     """
-    lines = push_lines(num_directions=2 * NUM_DIRECTIONS)[round // 2 % 2 :: 2]
+    robot = policy.robot
+    lines = push_lines(2 * NUM_DIRECTIONS, robot)[round // 2 % 2 :: 2]
+    spacing = SPACING * lines[0].grid
     cells = [(i, j) for i in range(NUM_DIRECTIONS) for j in range(NUM_IMPULSES)]
     seeds = itertools.count(FIRST_SEED + round * (len(cells) + NUM_DIRECTIONS))
     trials = {(i, j): lines[i].trial((j + 1) * SPACING, next(seeds), full_length=False) for i, j in cells}
@@ -88,17 +97,19 @@ def validate(policy: Agent, num_threads: int = 0, round: int = 0) -> Validation:
     outcomes = run_list(policy, todo, num_slots=len(todo), num_threads=num_threads)
     pushed = [[outcomes[trials[i, j]] for j in range(NUM_IMPULSES)] for i in range(NUM_DIRECTIONS)]
     recovered = np.array([[outcome.recovered for outcome in row] for row in pushed])
-    unbroken = np.cumprod(recovered, axis=1).sum(axis=1) * SPACING * 6.0
+    unbroken = np.cumprod(recovered, axis=1).sum(axis=1) * spacing
     stood = [outcomes[trial] for trial in whole if outcomes[trial].recovered]
     return Validation(
         recovered=float(recovered.mean()),
         fell=float(np.mean([outcome.reason == "fell" for row in pushed for outcome in row])),
         rejected={line.name: float(impulse) for line, impulse in zip(lines, unbroken, strict=True)},
-        quiet=sum(_is_quiet(outcome) for outcome in stood) / NUM_DIRECTIONS,
+        quiet=sum(_is_quiet(outcome, robot) for outcome in stood) / NUM_DIRECTIONS,
         power=float(np.median([outcome.quiet_power for outcome in stood])) if stood else float("nan"),
+        largest=NUM_IMPULSES * spacing,
     )
 
 
-def _is_quiet(outcome: Outcome) -> bool:
+def _is_quiet(outcome: Outcome, robot: Robot) -> bool:
     """Tell whether the robot stood quietly from 5 s after the push on."""
-    return outcome.quiet_power < QUIET_POWER and outcome.quiet_drift < QUIET_DRIFT and outcome.quiet_steps == 0
+    power, drift = QUIET_POWER * robot.power_scale, QUIET_DRIFT * robot.length_scale
+    return outcome.quiet_power < power and outcome.quiet_drift < drift and outcome.quiet_steps == 0

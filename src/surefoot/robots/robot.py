@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -20,6 +21,8 @@ FEET = ("left", "right")
 
 REFERENCE_MASS = 137.287494
 """Of the paper's robot [kg]: what is given in newtons for it is scaled by the mass for other robots."""
+_DIGITS = 9
+"""The scale of the mass is rounded to so many digits, so that it is one for the paper's robot."""
 REFERENCE_LEG = 0.986129
 """Length of its legs, from the hip's first joint to the sole [m]: what is given in metres is scaled by the legs."""
 
@@ -101,13 +104,28 @@ class Robot:
 
     @property
     def mass_scale(self) -> float:
-        """Mass over that of the paper's robot."""
-        return self.mass / REFERENCE_MASS
+        """Mass over that of the paper's robot; forces and, for the same velocity, impulses go with it."""
+        return round(self.mass / REFERENCE_MASS, _DIGITS)
 
     @property
     def length_scale(self) -> float:
         """Length of the legs over that of the paper's robot."""
         return self.leg_length / REFERENCE_LEG
+
+    @property
+    def time_scale(self) -> float:
+        """How long a motion of its pendulum takes over that of the paper's robot: the root of the length's scale."""
+        return math.sqrt(self.length_scale)
+
+    @property
+    def speed_scale(self) -> float:
+        """Speed of such a motion over that of the paper's robot: length by time, under the same gravity."""
+        return math.sqrt(self.length_scale)
+
+    @property
+    def power_scale(self) -> float:
+        """Power of such a motion over that of the paper's robot: force times speed."""
+        return self.mass_scale * self.speed_scale
 
     @functools.cached_property
     def standing_height(self) -> float:

@@ -26,29 +26,51 @@ class Quantity(NamedTuple):
 
     Attributes:
         components: their names; None for one per joint.
-        scale: how far the quantity typically moves, in its unit, which normalises a network's input.
+        scale: how far the quantity typically moves in the paper's robot, in its unit; see `scales`.
         axial: a vector of rotation, which a mirror turns the other way round.
         unit: of a component, in SI units.
+        grows: the scale over that of the paper's robot.
     """
 
     components: tuple[str, ...] | None
     scale: float
     axial: bool = False
     unit: Callable[[Robot], np.ndarray | float] = lambda robot: 1.0
+    grows: Callable[[Robot], np.ndarray | float] = lambda robot: 1.0
 
+
+def _length(robot: Robot) -> float:
+    return robot.length_scale
+
+
+def _speed(robot: Robot) -> float:
+    return robot.speed_scale
+
+
+def _turn(robot: Robot) -> float:
+    return 1.0 / robot.time_scale
+
+
+def _joint_speed(robot: Robot) -> np.ndarray:
+    """A joint that could turn faster than the fastest of the paper's robot, in its own time, seldom does so."""
+    return np.minimum(_FASTEST / robot.time_scale / robot.velocity_limit, 1.0)
+
+
+_FASTEST = 11.0
+"""Largest speed limit of a joint of the paper's robot [rad/s]."""
 
 TABLE: dict[str, Quantity] = {
     "joint_position": Quantity(None, scale=0.3),
-    "joint_velocity": Quantity(None, scale=0.2, unit=lambda robot: robot.velocity_limit),
-    "root_velocity": Quantity(_XYZ, scale=0.5),
-    "root_angular_velocity": Quantity(_XYZ, scale=1.0, axial=True),
+    "joint_velocity": Quantity(None, scale=0.2, unit=lambda robot: robot.velocity_limit, grows=_joint_speed),
+    "root_velocity": Quantity(_XYZ, scale=0.5, grows=_speed),
+    "root_angular_velocity": Quantity(_XYZ, scale=1.0, axial=True, grows=_turn),
     "root_attitude": Quantity(("roll", "pitch"), scale=0.2),
-    "com_velocity": Quantity(_XYZ, scale=0.5),
-    "com_position": Quantity(_XYZ, scale=0.1),
+    "com_velocity": Quantity(_XYZ, scale=0.5, grows=_speed),
+    "com_position": Quantity(_XYZ, scale=0.1, grows=_length),
     "foot_force": Quantity(("left", "right"), scale=0.5, unit=lambda robot: robot.load_unit),
-    "torso_position": Quantity(_XYZ, scale=0.1),
-    "left_foot_position": Quantity(_XYZ, scale=0.2),
-    "right_foot_position": Quantity(_XYZ, scale=0.2),
+    "torso_position": Quantity(_XYZ, scale=0.1, grows=_length),
+    "left_foot_position": Quantity(_XYZ, scale=0.2, grows=_length),
+    "right_foot_position": Quantity(_XYZ, scale=0.2, grows=_length),
 }
 
 
@@ -72,16 +94,21 @@ def parts(robot: Robot) -> tuple[tuple[str, str], ...]:
 
 
 def scales(robot: Robot) -> np.ndarray:
-    """Typical deviation of every component, (47,)."""
-    return np.array([TABLE[name].scale for name, _ in parts(robot)])
+    """Typical deviation of every component, (47,): normalises a network's input, and is the unit of a sensor's bias."""
+    return _of_components(robot, lambda quantity: quantity.scale * quantity.grows(robot))
 
 
 @functools.cache
 def units(robot: Robot) -> np.ndarray:
     """Unit of every component in SI units, (47,)."""
+    return _of_components(robot, lambda quantity: quantity.unit(robot))
+
+
+def _of_components(robot: Robot, value: Callable[[Quantity], np.ndarray | float]) -> np.ndarray:
+    """A number of each quantity, or one for each of its components, laid out as the vector: (47,)."""
     sizes = (len(quantity.components or robot.joint_names) for quantity in TABLE.values())
     pairs = zip(TABLE.values(), sizes, strict=True)
-    return np.concatenate([np.broadcast_to(quantity.unit(robot), size) for quantity, size in pairs])
+    return np.concatenate([np.broadcast_to(value(quantity), size) for quantity, size in pairs])
 
 
 def mirror(robot: Robot) -> tuple[np.ndarray, np.ndarray]:

@@ -16,9 +16,9 @@ from surefoot.robots import Robot
 from surefoot.task.random_pushes import LIFT, PUSH
 
 IMPULSE_UNIT = 200.0
-"""[Ns]."""
+"""[Ns], for a robot of the mass of the paper's."""
 LEVER_UNIT = 0.5
-"""[m]."""
+"""[m], for a robot with legs as long as those of the paper's."""
 SIGNS = {
     "near": 1.0,
     "impulse": 1.0,
@@ -45,10 +45,11 @@ class PrivilegedObservation:
     """
 
     def __init__(self, robot: Robot, nominal: np.ndarray):
+        self._impulse_unit = IMPULSE_UNIT * robot.mass_scale
         self._height = np.zeros(len(robot.body_names))
         self._side = np.zeros_like(self._height)
         for name, height in zip(robot.pushable, _heights(robot, tuple(nominal)), strict=True):
-            self._height[robot.body_id(name)] = height / LEVER_UNIT
+            self._height[robot.body_id(name)] = height / (LEVER_UNIT * robot.length_scale)
             self._side[robot.body_id(name)] = robot.side(name)
 
     def next_push(self, pushes: Pushes, tick: np.ndarray, heading: np.ndarray) -> np.ndarray:
@@ -61,17 +62,18 @@ class PrivilegedObservation:
 
         Returns:
             (N, 9): how near the push is, from 0 (a second away, or over) to 1 (under way); times how much of its
-            impulse is left, in units of 200 Ns: its size, along x and y of the heading frame; these three times the
-            height of the pushed body above the robot's CoM, in units of 0.5 m; the size again, positive at a left leg,
-            negative at a right one and 0 at a body in the middle; and the same of the push upwards.
+            impulse is left, in units of `IMPULSE_UNIT`: its size, along x and y of the heading frame; these three
+            times the height of the pushed body above the robot's CoM, in units of `LEVER_UNIT`; the size again,
+            positive at a left leg, negative at a right one and 0 at a body in the middle; and the same of the push
+            upwards. Both units are scaled to the robot.
         """
         near, share, seconds = _weight(pushes, PUSH, tick)
         force = pushes.force[:, PUSH]
-        impulse = seconds / IMPULSE_UNIT * share * (force[:, 0] + 1j * force[:, 1]) * heading.conj()
+        impulse = seconds / self._impulse_unit * share * (force[:, 0] + 1j * force[:, 1]) * heading.conj()
         along = np.stack([np.abs(impulse), impulse.real, impulse.imag], axis=1)
         lever = self._height[pushes.body[:, PUSH], None] * along
         _, share, seconds = _weight(pushes, LIFT, tick)
-        lift = seconds / IMPULSE_UNIT * share * pushes.force[:, LIFT, 2]
+        lift = seconds / self._impulse_unit * share * pushes.force[:, LIFT, 2]
         side = self._side[pushes.body[:, PUSH]] * along[:, 0]
         return np.column_stack([near, along, lever, side, lift])
 

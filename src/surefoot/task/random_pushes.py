@@ -66,7 +66,7 @@ class RandomPushes:
     """
 
     STEP = 4.0
-    """How fast a ceiling moves [Ns per push]."""
+    """How fast a ceiling moves [Ns per push], for a robot of the mass of the paper's."""
     HARD = 0.7
     """Pushes above this share of the ceiling move it."""
     SURVIVED_S = 2.0
@@ -78,6 +78,7 @@ class RandomPushes:
         self.rng = rng
         self.ceiling = np.full(NUM_SECTORS, config.impulse[1])
         self._body_ids = np.array([pushes.robot.body_id(body) for body in config.bodies])
+        self._step = self.STEP * pushes.robot.mass_scale
         num_robots = len(pushes.start)
         self._sector = np.zeros(num_robots, np.int64)
         self._impulse = np.zeros(num_robots)
@@ -131,7 +132,7 @@ class RandomPushes:
         if self.config.survival_target is None:
             return
         hard = ids[self._impulse[ids] > self.HARD * self.ceiling[self._sector[ids]]]
-        np.add.at(self.ceiling, self._sector[hard], self.STEP * (survived - self.config.survival_target))
+        np.add.at(self.ceiling, self._sector[hard], self._step * (survived - self.config.survival_target))
         np.clip(self.ceiling, self.config.impulse[1], self.config.max_impulse, out=self.ceiling)
 
     def _count_falls(self, ids: np.ndarray, fell: bool) -> None:

@@ -6,11 +6,15 @@ subtracted. The reward of a policy step is 0.1 times the mean over its ticks, so
 1 per step. Weights and alphas are those of the group's public code; the paper gives only the form. The last three
 penalties are ours.
 
+Alphas are for the paper's robot. For another one a value in metres, m/s or newtons is first divided by the robot's scale
+of lengths, speeds or forces, so that the same dynamic motion earns the same.
+
 A task adds terms of its own by `EnvConfig.extra_terms`.
 """
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -21,11 +25,13 @@ from surefoot.errors import UserError
 from surefoot.physics.rotations import horizontal
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ
+from surefoot.robots import Robot
 
 SCALE = 10.0
 STEP_SCALE = 0.1
 MIN_COM_HEIGHT = 0.1
-"""The velocity that `com_velocity_xy` asks for is that of a CoM at least this high above the soles [m]."""
+"""The velocity that `com_velocity_xy` asks for is that of a CoM at least this high above the soles [m], for
+legs as long as those of the paper's robot."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +63,13 @@ class Term(NamedTuple):
             `StepRecord` and a `RewardContext`.
         weight: of the term; None if `RewardContext.penalty_weights` has it.
         alpha: the term is weight * exp(-alpha * value^2); None for a penalty of weight * value.
+        scale: the robot's scale in which the value is measured before `alpha` is applied; 1 without it.
     """
 
     function: Callable[[StepRecord, RewardContext], np.ndarray]
     weight: float | None
     alpha: float | None = None
+    scale: Callable[[Robot], float] | None = None
 
 
 def com_position_xy(record: StepRecord, context: RewardContext) -> np.ndarray:
@@ -79,7 +87,8 @@ def com_velocity_xy(record: StepRecord, context: RewardContext) -> np.ndarray:
 
     The target is -(CoM - centre) * sqrt(g / z). In the air the term is void: the distance is infinite.
     """
-    rate = np.sqrt(record.robot.gravity / np.maximum(record.com_height, MIN_COM_HEIGHT))
+    lowest = MIN_COM_HEIGHT * record.robot.length_scale
+    rate = np.sqrt(record.robot.gravity / np.maximum(record.com_height, lowest))
     offset = horizontal(record.com_position) - horizontal(record.support_center)
     return np.where(record.in_the_air, np.inf, np.abs(offset * rate + horizontal(record.com_velocity)))
 
@@ -159,17 +168,19 @@ def log_scaled(value: np.ndarray, scale: float | None) -> np.ndarray:
     return value if scale is None else scale * np.log1p(value / scale)
 
 
+_length, _speed, _force = (operator.attrgetter(f"{what}_scale") for what in ("length", "speed", "mass"))
+
 TERMS: dict[str, Term] = {
-    "com_position_xy": Term(com_position_xy, weight=2.0, alpha=19.51),
-    "com_height": Term(com_height, weight=3.0, alpha=113.84),
-    "com_velocity_xy": Term(com_velocity_xy, weight=2.0, alpha=0.57),
-    "com_velocity_z": Term(com_velocity_z, weight=1.0, alpha=3.69),
+    "com_position_xy": Term(com_position_xy, weight=2.0, alpha=19.51, scale=_length),
+    "com_height": Term(com_height, weight=3.0, alpha=113.84, scale=_length),
+    "com_velocity_xy": Term(com_velocity_xy, weight=2.0, alpha=0.57, scale=_speed),
+    "com_velocity_z": Term(com_velocity_z, weight=1.0, alpha=3.69, scale=_speed),
     "torso_attitude_pitch": Term(torso_attitude_pitch, weight=1.0, alpha=4.68),
     "torso_attitude_roll": Term(torso_attitude_roll, weight=1.0, alpha=4.68),
     "root_attitude_pitch": Term(root_attitude_pitch, weight=1.0, alpha=4.68),
     "root_attitude_roll": Term(root_attitude_roll, weight=1.0, alpha=4.68),
-    "left_foot_force": Term(left_foot_force, weight=1.0, alpha=2e-5),
-    "right_foot_force": Term(right_foot_force, weight=1.0, alpha=2e-5),
+    "left_foot_force": Term(left_foot_force, weight=1.0, alpha=2e-5, scale=_force),
+    "right_foot_force": Term(right_foot_force, weight=1.0, alpha=2e-5, scale=_force),
     "no_foot_contact": Term(no_foot_contact, weight=2.0),
     "non_foot_contact": Term(non_foot_contact, weight=10.0),
     "power": Term(power, weight=None),
@@ -228,8 +239,13 @@ def _exponentials(record: StepRecord, context: RewardContext, terms: Mapping[str
         value = _checked(name, term.function(record, context), record)
         row[:] = value if value.ndim == 2 else value[:, None]
     np.square(values, out=values)
-    values *= -np.array([term.alpha for term in terms.values()])[:, None, None]
+    values *= -_alphas(record.robot, terms)[:, None, None]
     return np.exp(values, out=values) @ np.full(len(record), 1.0 / len(record))
+
+
+def _alphas(robot: Robot, terms: Mapping[str, Term]) -> np.ndarray:
+    """Alpha of every term for this robot, (num_terms,): that of the table over the square of the value's scale."""
+    return np.array([(term.alpha or 0.0) / (term.scale(robot) ** 2 if term.scale else 1.0) for term in terms.values()])
 
 
 def _cost(name: str, term: Term, record: StepRecord, context: RewardContext) -> np.ndarray:
