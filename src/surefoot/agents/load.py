@@ -1,4 +1,4 @@
-"""Load: agents by name, which are shipped policies, policy files, run folders, the nominal pose, and controllers."""
+"""Load: agents by name: policies of ours and foreign ones, run folders, the nominal pose, and controllers."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import importlib.resources
 from pathlib import Path
 
 from surefoot.agents.controllers import PREFIX, load_controller
+from surefoot.agents.foreign.load import is_foreign, load_foreign
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.onnx_check import MAX_BYTES
@@ -23,7 +24,7 @@ BEST = {"best": "ddpg"}
 
 
 def load_agent(name: str, robot: Robot | None = None) -> Agent:
-    """Load whoever is meant by a name: `controllers/NAME`, `FILE.py:CLASS`, "nominal", or a policy.
+    """Load whoever is meant by a name: `controllers/NAME`, `FILE.py:CLASS`, "nominal", or a policy of ours or foreign.
 
     Args:
         name: as a user gives it.
@@ -33,6 +34,8 @@ def load_agent(name: str, robot: Robot | None = None) -> Agent:
     Raises:
         UserError: there is none of this name, it cannot be run, or it is a policy for another robot.
     """
+    if is_foreign(name):
+        return load_foreign(name, robot or usual_robot())
     if is_controller(name):
         return load_controller(name, robot or usual_robot())
     if name == NOMINAL:
@@ -44,8 +47,8 @@ def load_agent(name: str, robot: Robot | None = None) -> Agent:
 
 
 def is_controller(name: str) -> bool:
-    """Tell whether a name is that of a controller: `controllers/NAME` or `FILE.py:CLASS`."""
-    return name.startswith(PREFIX) or ".py:" in name
+    """Tell whether a name is that of a controller: `controllers/NAME`, `FILE.py:CLASS` or a foreign policy's file."""
+    return name.startswith(PREFIX) or ".py:" in name or is_foreign(name)
 
 
 @functools.cache

@@ -11,6 +11,8 @@ from surefoot.physics.rotations import roll_pitch
 from surefoot.physics.step_record import StepRecord
 from surefoot.task import observation
 
+_DOWN = np.array([0.0, 0.0, -1.0])
+
 
 @dataclass(frozen=True)
 class State:
@@ -60,6 +62,10 @@ class State:
         """The state of some of the robots, by their places in the arrays or by a mask."""
         return State(**{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)})
 
+    def in_root_frame(self, vector: np.ndarray) -> np.ndarray:
+        """Vectors (n, 3) of the heading frame in the root's own frame."""
+        return _turned_into_root(self.root_attitude, vector)
+
 
 def state_of(ticks: StepRecord, vector: np.ndarray, time: np.ndarray) -> State:
     """The state of n robots at one tick.
@@ -78,7 +84,7 @@ def state_of(ticks: StepRecord, vector: np.ndarray, time: np.ndarray) -> State:
     swing = np.sqrt(np.maximum(height, 0.0) / robot.gravity)[:, None]
     heading, place = ticks.heading[:, 0].conj(), ticks["root_position"][:, 0, :2]
     pressed = (ticks.foot_pressure_point[:, 0] - place[:, None]) @ np.array([1.0, 1.0j])
-    gravity_direction, gyroscope = _in_root(named["root_attitude"], named["root_angular_velocity"])
+    attitude = named["root_attitude"]
     return State(
         time=time,
         joint_position=named["joint_position"],
@@ -86,8 +92,8 @@ def state_of(ticks: StepRecord, vector: np.ndarray, time: np.ndarray) -> State:
         root_attitude=named["root_attitude"],
         root_velocity=named["root_velocity"],
         root_angular_velocity=named["root_angular_velocity"],
-        gyroscope=gyroscope,
-        gravity_direction=gravity_direction,
+        gyroscope=_turned_into_root(attitude, named["root_angular_velocity"]),
+        gravity_direction=_turned_into_root(attitude, np.tile(_DOWN, (len(time), 1))),
         com_position=named["com_position"],
         com_velocity=named["com_velocity"],
         capture_point=named["com_position"][:, :2] + named["com_velocity"][:, :2] * swing,
@@ -99,10 +105,10 @@ def state_of(ticks: StepRecord, vector: np.ndarray, time: np.ndarray) -> State:
     )
 
 
-def _in_root(attitude: np.ndarray, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which way is down, and a vector of the heading frame (n, 3), both in the root's own frame.
+def _turned_into_root(attitude: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Vectors (n, 3) of the heading frame in the root's own frame.
 
-    The root is turned by Ry(pitch) Rx(roll) against the heading frame, so that the rows of its rotation are known.
+    The root is turned by Ry(pitch) Rx(roll) against the heading frame.
 
     Args:
         attitude: roll and pitch (n, 2) [rad].
@@ -110,6 +116,5 @@ def _in_root(attitude: np.ndarray, vector: np.ndarray) -> tuple[np.ndarray, np.n
     """
     (sr, sp), (cr, cp) = np.sin(attitude).T, np.cos(attitude).T
     x, y, z = vector.T
-    forward = sp * x + cp * z  # what a pitch leaves of the vector across the root's lateral axis
-    turned = np.stack([cp * x - sp * z, cr * y + sr * forward, cr * forward - sr * y], axis=1)
-    return np.stack([sp, -cp * sr, -cp * cr], axis=1), turned
+    x, z = cp * x - sp * z, sp * x + cp * z
+    return np.stack([x, cr * y + sr * z, cr * z - sr * y], axis=1)
