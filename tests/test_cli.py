@@ -59,7 +59,10 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
             ["evaluate", "nominal", "--export", "t.xls"],
             "surefoot: unknown format '.xls' of t.xls; valid: .csv, .parquet",
         ),
-        (["evaluate", "other.onnx"], "surefoot: unknown robot 'atlas'; valid: g1, valkyrie, or a description (.toml)"),
+        (
+            ["evaluate", "other.onnx"],
+            "surefoot: unknown robot 'atlas'; valid: g1, g1_arms, valkyrie, or a description (.toml)",
+        ),
         (["play", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
         (["play", "--robots", "65", "--port", "0"], "surefoot: robots must be a whole number from 1 to 64, not 65"),
         (["video", "--out", "film.avi"], "surefoot: cannot write 'film.avi': unknown suffix '.avi'; valid: .mp4, .gif"),

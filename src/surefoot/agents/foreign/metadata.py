@@ -105,6 +105,7 @@ def _read_yaml(file: Path) -> dict[str, Any]:
         import yaml
     except ImportError as error:
         raise UserError(f"reading {file} needs PyYAML: pip install 'surefoot[foreign]'") from error
+
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
         """Builds numbers, texts, lists and tables only; Python objects, which the exporter leaves behind, are None."""
 
