@@ -23,7 +23,12 @@ from surefoot.robots import load_robot, shipped_robots
 RESULTS = Path(__file__).parent.parent / "results"
 ROBOTS = {"valkyrie": {"3d18e5613150"}, "g1": {"a81ea437cb59"}, "g1_arms": {"4ccf9768ca1a"}}
 """Robot -> all fingerprints that it ever had; whoever changes a robot adds one."""
-MEASURED_ANEW: dict[str, set[str]] = {"controllers.csv": set(shipped_controllers())}
+MEASURED_ANEW: dict[str, set[str]] = {
+    "controllers.csv": set(shipped_controllers()),
+    "seeds.csv": {f"{algorithm}-{seed}" for algorithm in ("trpo", "ppo", "ddpg") for seed in range(3)},
+    "straight-ahead.csv": {"trpo", "trpo-even"},
+    "thresholds.csv": {"nominal-bent", *shipped_policies()},
+}
 """File -> agents whose rows were measured with another agent or setup than today's. results/README.md names them."""
 
 

@@ -158,8 +158,9 @@ def test_sensor_bias_is_in_the_state_as_in_a_policys_observation(robot: Robot) -
     entrant = contestant(lambda state, ids, pose: seen.append(state) or Command(pose))  # type: ignore[func-returns-value]
     loop = driven_loop(entrant)
     loop.set_imperfections(0, Imperfections(sensor_bias=0.1), seed=3)
+    start = loop.engine.read(np.array([0])).joint_position[0, 0]
     loop.drive()
-    error = seen[0].joint_position[0] - robot.pose("bent")
+    error = seen[0].joint_position[0] - start
     # 0.1 of a joint angle's typical deviation of 0.3 rad, as the seed draws it.
     expected = 0.03 * np.random.default_rng(3).spawn(3)[0].standard_normal(47)[:11]
     np.testing.assert_allclose(error, expected, atol=1e-9)

@@ -1,16 +1,18 @@
-"""Results of schema 2, written by the code before the packages: shown and reported, gone on with where that is fair."""
+"""Results of older schemas: shown and reported, gone on with where that is fair."""
 
 from __future__ import annotations
 
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from conftest import an_outcome, pushed
 
 from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
-from surefoot.evaluation.replay import check_setup, differences, replay
+from surefoot.evaluation.replay import check_setup, differences
 from surefoot.evaluation.results import Results, key_of, open_results
 from surefoot.evaluation.results_export import read_threshold_rows, read_thresholds
 from surefoot.evaluation.scenarios import Scenario
@@ -39,12 +41,12 @@ def test_the_old_file_is_left_as_it_is_and_its_copy_is_named_and_used(
     content = path.read_bytes()
     for _ in range(2):
         with open_results(path) as results:
-            assert results.path == tmp_path / "old-schema3.sqlite"
-            assert len(results.outcomes(key_of(NominalAgent(usual_robot())))._known) == 7
-        line = f"surefoot: {path} is a results table of version 2; its copy in version 3 is used: {results.path}\n"
+            assert results.path == tmp_path / "old-schema4.sqlite"
+            assert len(results.outcomes(results.row(1).key)._known) == 7
+        line = f"surefoot: {path} is a results table of version 2; its copy in version 4 is used: {results.path}\n"
         assert capsys.readouterr().err == line
     assert path.read_bytes() == content
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["old-schema3.sqlite", "old.sqlite"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["old-schema4.sqlite", "old.sqlite"]
 
 
 def test_where_no_file_can_be_written_the_copy_is_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,14 +61,34 @@ def test_where_no_file_can_be_written_the_copy_is_in_memory(tmp_path: Path, monk
     assert [file.name for file in tmp_path.iterdir()] == ["old.sqlite"]
 
 
-def test_trials_of_the_last_setup_count_as_todays_and_are_the_same_when_run_again(tmp_path: Path) -> None:
+def test_trials_of_protocol_1_are_shown_but_not_gone_on_with(tmp_path: Path) -> None:
     agent = NominalAgent(usual_robot())
     with open_results(old_table(tmp_path)) as results:
         rows = [results.row(row_id) for row_id in range(1, 8)]
-        assert results.finished_scenarios(agent) == {"root_push", "two", "own_word"}
-    assert {row.key for row in rows} == {key_of(agent)}
-    check_setup(rows[0].key.setup, "row 1")
-    assert [differences(row.outcome, replay(row, agent)) for row in rows] == [[]] * 7
+        assert results.finished_scenarios(agent) == set()
+    (key,) = {row.key for row in rows}
+    now = key_of(agent)
+    assert key == now._replace(setup=replace(now.setup, protocol=1))
+    with pytest.raises(UserError, match="its protocol was 1 and is now 2"):
+        check_setup(key.setup, "row 1")
+    # What was not kept then is unknown, and not taken for fair.
+    assert not any(row.outcome.is_within_limits(1.1) for row in rows)
+
+
+def test_a_table_of_schema_3_is_copied_too_and_its_trials_are_kept_as_they_were(tmp_path: Path) -> None:
+    agent, trial = NominalAgent(usual_robot()), pushed(6.0, 0)
+    path = tmp_path / "last.sqlite"
+    with Results(path) as results:
+        results.trials_of(agent).put(trial, an_outcome(steps=3), "mine")
+    with sqlite3.connect(path) as db:
+        db.execute("ALTER TABLE trials DROP COLUMN sustained_speed_ratio")
+        db.execute("PRAGMA user_version = 3")
+    db.close()
+    with open_results(path) as results:
+        assert results.path == tmp_path / "last-schema4.sqlite"
+        row = results.row(1)
+    assert (row.trial, row.scenario) == (trial, "mine")
+    assert differences(row.outcome, an_outcome(steps=3, sustained_speed_ratio=float("nan"))) == []
 
 
 def test_old_words_become_todays(tmp_path: Path) -> None:

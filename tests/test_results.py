@@ -286,7 +286,7 @@ def test_a_table_of_another_version_is_refused_and_kept(tmp_path: Path, version:
         db.execute(f"PRAGMA user_version = {version}")
     db.close()
     content = path.read_bytes()
-    with pytest.raises(UserError, match=rf"is a results table of version {version}, not 3; give another file"):
+    with pytest.raises(UserError, match=rf"is a results table of version {version}, not 4; give another file"):
         Results(path)
     assert path.read_bytes() == content
 

@@ -15,7 +15,7 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.evaluate import run_scenarios
 from surefoot.evaluation.outcome import Outcome, joint_groups
 from surefoot.evaluation.results import Results
-from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.scenarios import Scenario, with_limits
 from surefoot.evaluation.suites import PAPER
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
@@ -27,7 +27,7 @@ from surefoot.report.threshold_tables import scenario_table, seeds_table, worst_
 from surefoot.report.thresholds import median_steps
 from surefoot.robots import Robot
 
-BY_NAME = {scenario.name: scenario for scenario in PAPER}
+BY_NAME = {scenario.name: scenario for scenario in with_limits(PAPER)}
 
 
 def found(name: str, sizes: Sequence[float], trials: int = 40) -> list[Threshold]:
@@ -119,8 +119,10 @@ def test_table_1_shows_the_worse_side_beside_the_papers(robot: Robot) -> None:
 def test_the_worst_table_has_a_row_per_policy_and_a_column_per_scenario(robot: Robot) -> None:
     ours = [*found("root_push", (120, 90, 150, 96)), *found("torso_push", (60, 66, 72, 54))]
     table = worst_table({"ours": ours, "theirs": found("torso_push", (30, 36, 42, 48))}, robot)
-    assert table.columns == ["", "pelvis push [Ns]", "torso push [Ns]"]
-    assert table.rows == [["ours", "90", "54"], ["theirs", "", "30"]]
+    assert table.columns == ["", "joint speeds", "pelvis push [Ns]", "torso push [Ns]"]
+    assert table.rows == [["ours", "any", "90", "54"], ["theirs", "any", "", "30"]]
+    limited = worst_table({"ours": [*ours, *found("root_push_within_limits", (84, 60, 72, 78))]}, robot)
+    assert limited.rows == [["ours", "within limits", "60", ""], ["ours", "any", "90", "54"]]
 
 
 def test_table_2_shows_shares_and_the_papers_marks() -> None:
@@ -128,9 +130,9 @@ def test_table_2_shows_shares_and_the_papers_marks() -> None:
         "sagittal_72", an_outcome(ankle=True, steps=2), an_outcome(ankle=True, hip=True, recovered=False),
         an_outcome(steps=4), an_outcome(ankle=True),
     )  # fmt: skip
-    row = row_of(table_2(fixed), "sagittal 72")
+    row = row_of(table_2(fixed), "sagittal 72 forward")
     assert row == {
-        "push [Ns]": "sagittal 72", "recovered": "3/4", "ankle": "75% (yes)", "hip": "25% (yes)",
+        "push [Ns]": "sagittal 72 forward", "recovered": "3/4", "ankle": "75% (yes)", "hip": "25% (yes)",
         "foot tilt": "0% (yes)", "step": "50% (no)", "steps": "1",
     }  # fmt: skip
 
@@ -226,8 +228,8 @@ def test_a_small_real_run_fills_its_tables(robot: Robot, tmp_path) -> None:
         fixed = results.fixed_outcomes(policy.name)
     assert set(fixed) == {"sagittal_240", "drop_055", "standing"}
     second, torque, speed, saturation = all_tables(policy, [], fixed, {}, robot)
-    assert row_of(second, "sagittal 240")["recovered"] == "0/1"
-    assert row_of(second, "sagittal 240")["ankle"] == "100% (yes)"
+    assert row_of(second, "sagittal 240 forward")["recovered"] == "0/1"
+    assert row_of(second, "sagittal 240 forward")["ankle"] == "100% (yes)"
     # Standing takes little: half the weight per leg; the landing takes all that the knees have.
     assert 0.0 < float(row_of(torque, "standing")["knee pitch"]) < 300.0
     assert row_of(torque, "drop 055")["knee pitch"] == "350"

@@ -32,11 +32,11 @@ def test_what_was_not_tested_is_left_out() -> None:
 
 def test_limits_from_above_are_not_to_be_exceeded_and_a_fall_misses_them() -> None:
     words = "60 s undisturbed, mean power"
-    assert reached("trpo", quiet__mean_power_W=20.0)[words] == "yes"
-    assert reached("trpo", quiet__mean_power_W=20.5)[words] == "no"
+    assert reached("trpo", quiet__mean_power_W=5.0)[words] == "yes"
+    assert reached("trpo", quiet__mean_power_W=5.5)[words] == "no"
     assert reached("trpo", quiet__mean_power_W=math.nan)[words] == "no"
 
 
-def test_our_targets_are_beyond_the_papers_figures() -> None:
+def test_our_targets_are_the_papers_figures_or_beyond_them() -> None:
     for target in (*TARGETS, *targets_of("trpo"), *targets_of("ppo"), *targets_of("ddpg")):
-        assert target.at_most or target.paper is None or target.value > target.paper
+        assert target.at_most or target.paper is None or target.value >= target.paper

@@ -10,7 +10,7 @@ from conftest import MovingPolicy, pushed, run_one, squat
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.trials import Trial, TrialSource, run_list, run_trials
+from surefoot.evaluation.trials import Trial, TrialSource, draws, run_list, run_trials
 from surefoot.physics.pushes import Drop, Push
 from surefoot.robots import Robot
 from surefoot.task.imperfections import Imperfections
@@ -117,12 +117,16 @@ def test_the_same_trials_give_the_same_bits_whatever_the_slots_and_threads(robot
 
 
 def test_seeds_draw_different_starts_and_different_ticks_of_the_push(robot: Robot) -> None:
-    starts, ticks = [], []
+    starts, ticks, drawn = [], [], []
     for seed in range(8):
-        outcome, trace = run_one(NominalAgent(robot, "bent"), pushed(400.0, seed), "joint_position")
-        starts.append(trace["joint_position"][0] - robot.pose("bent"))
+        outcome, trace = run_one(NominalAgent(robot, "bent"), pushed(400.0, seed), "joint_position", "joint_torque")
+        # At rest the torque is the stiffness times the distance to what the motors hold.
+        held = trace["joint_position"][0] + trace["joint_torque"][0] / robot.stiffness
+        drawn.append(draws(pushed(400.0, seed), robot.num_joints)[0])
+        starts.append(held - robot.pose("bent"))
         ticks.append(len(trace["joint_position"]) - round(outcome.seconds * 500) - 500)
-    noise = np.array(starts)
+    noise = np.array(drawn)
+    np.testing.assert_allclose(starts, noise, atol=1e-3)
     assert len(np.unique(noise, axis=0)) == 8
     assert np.abs(noise).max() <= 0.02
     assert noise.std() == pytest.approx(0.02 / np.sqrt(3), rel=0.15)

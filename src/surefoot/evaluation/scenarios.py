@@ -203,6 +203,11 @@ class Line:
         return -lean * round(math.sin(self.angle), 12), lean * round(math.cos(self.angle), 12)
 
 
+def direction_of(push: Push) -> str:
+    """The name of a push's direction in the horizontal plane, as `Line.name` says it."""
+    return _direction_name(math.atan2(push.direction[1], push.direction[0]))
+
+
 def _direction_name(angle: float) -> str:
     degrees = round(math.degrees(angle), 6) % 360.0
     names = {round(math.degrees(a), 6): name for name, a in DIRECTIONS.items()}

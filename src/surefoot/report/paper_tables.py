@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from surefoot.evaluation.outcome import joint_groups
-from surefoot.evaluation.scenarios import DIRECTIONS
+from surefoot.evaluation.outcome import Outcome, joint_groups
+from surefoot.evaluation.scenarios import DIRECTIONS, direction_of
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.report import paper
 from surefoot.report.bounds import capture_point_bound, worse_bounds
@@ -57,14 +57,16 @@ def table_2(fixed: Fixed) -> Table:
     """Table II: which strategies the paper's four pushes bring out: share of the trials, and the paper's mark."""
     rows = []
     for scenario, theirs in paper.TABLE_2.items():
-        outcomes = list(fixed.get(scenario, {}).values())
-        if not outcomes:
-            continue
-        ours = [[o.ankle, o.hip, o.foot_tilt, o.steps > 0] for o in outcomes]
-        marks = ["yes" if mark else "no" for mark in theirs]
-        shares = [f"{share:.0%} ({mark})" for share, mark in zip(np.mean(ours, axis=0), marks, strict=True)]
-        recovered = f"{sum(o.recovered for o in outcomes)}/{len(outcomes)}"
-        rows.append([_words(scenario), recovered, *shares, f"{np.median([o.steps for o in outcomes]):g}"])
+        by_direction: dict[str, list[Outcome]] = {}
+        for trial, outcome in fixed.get(scenario, {}).items():
+            by_direction.setdefault(direction_of(trial.push), []).append(outcome)
+        for direction, outcomes in by_direction.items():
+            ours = [[o.ankle, o.hip, o.foot_tilt, o.steps > 0] for o in outcomes]
+            marks = ["yes" if mark else "no" for mark in theirs]
+            shares = [f"{share:.0%} ({mark})" for share, mark in zip(np.mean(ours, axis=0), marks, strict=True)]
+            recovered = f"{sum(o.recovered for o in outcomes)}/{len(outcomes)}"
+            words, steps = f"{_words(scenario)} {direction}", np.median([o.steps for o in outcomes])
+            rows.append([words, recovered, *shares, f"{steps:g}"])
     columns = ["push [Ns]", "recovered", "ankle", "hip", "foot tilt", "step", "steps"]
     note = (
         "Share of the trials in which a strategy was seen; in brackets whether the paper marks it. Steps: median. What"
