@@ -61,7 +61,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         ),
         (
             ["evaluate", "other.onnx"],
-            "surefoot: unknown robot 'atlas'; valid: g1, g1_arms, valkyrie, or a description (.toml)",
+            "surefoot: unknown robot 'atlas'; valid: g1, g1_arms, h1, valkyrie, or a description (.toml)",
         ),
         (["play", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
         (["play", "--robots", "65", "--port", "0"], "surefoot: robots must be a whole number from 1 to 64, not 65"),

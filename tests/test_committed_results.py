@@ -21,7 +21,7 @@ from surefoot.evaluation.threshold_search import wilson_interval
 from surefoot.robots import load_robot, shipped_robots
 
 RESULTS = Path(__file__).parent.parent / "results"
-ROBOTS = {"valkyrie": {"3d18e5613150"}, "g1": {"a81ea437cb59"}, "g1_arms": {"4ccf9768ca1a"}}
+ROBOTS = {"valkyrie": {"3d18e5613150"}, "g1": {"a81ea437cb59"}, "g1_arms": {"4ccf9768ca1a"}, "h1": {"cf97792e6d34"}}
 """Robot -> all fingerprints that it ever had; whoever changes a robot adds one."""
 MEASURED_ANEW: dict[str, set[str]] = {
     "controllers.csv": set(shipped_controllers()),

@@ -148,7 +148,7 @@ def test_pushes_of_the_config_reach_the_robot() -> None:
 
 def test_unknown_names_in_the_config_are_answered_with_the_known_ones() -> None:
     for config, message in (
-        ({"robot": "atlas"}, "unknown robot 'atlas'; valid: g1, g1_arms, valkyrie, or a description (.toml)"),
+        ({"robot": "atlas"}, "unknown robot 'atlas'; valid: g1, g1_arms, h1, valkyrie, or a description (.toml)"),
         ({"pose": "sitting"}, "unknown pose 'sitting' of valkyrie; valid: straight, bent"),
     ):
         with pytest.raises(UserError) as error:

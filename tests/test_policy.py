@@ -266,7 +266,7 @@ def test_a_contract_with_an_unknown_clause_is_refused(contract: Contract) -> Non
 def test_a_policy_for_another_robot_is_refused(contract: Contract) -> None:
     assert (
         refusal(with_contract(contract, robot="atlas"))
-        == "unknown robot 'atlas'; valid: g1, g1_arms, valkyrie, or a description (.toml)"
+        == "unknown robot 'atlas'; valid: g1, g1_arms, h1, valkyrie, or a description (.toml)"
     )
 
 

@@ -270,7 +270,7 @@ def test_friction_at_a_tenth_of_its_limit_holds_a_standing_robots_feet(robot: Ro
 def test_an_unknown_robot_is_answered_with_the_known_ones() -> None:
     with pytest.raises(UserError) as error:
         load_robot("atlas")
-    assert str(error.value) == "unknown robot 'atlas'; valid: g1, g1_arms, valkyrie, or a description (.toml)"
+    assert str(error.value) == "unknown robot 'atlas'; valid: g1, g1_arms, h1, valkyrie, or a description (.toml)"
 
 
 def test_an_unknown_pose_is_answered_with_the_known_ones(robot: Robot) -> None:
