@@ -6,8 +6,8 @@ subtracted. The reward of a policy step is 0.1 times the mean over its ticks, so
 1 per step. Weights and alphas are those of the group's public code; the paper gives only the form. The last three
 penalties are ours.
 
-Alphas are for the paper's robot. For another one a value in metres, m/s or newtons is first divided by the robot's scale
-of lengths, speeds or forces, so that the same dynamic motion earns the same.
+Alphas are for the paper's robot. For another one a value in metres, m/s or newtons is first divided by the robot's
+scale of lengths, speeds or forces, so that the same dynamic motion earns the same.
 
 A task adds terms of its own by `EnvConfig.extra_terms`.
 """
