@@ -277,7 +277,7 @@ def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
         ("push_interval = 1.0", "push_interval must be two times [s], not 1.0"),
         ('impulse = "72"', "impulse must be a number from 0 to 2000, not 72"),
         ("impulse = true", "impulse must be a number from 0 to 2000, not True"),
-        (f"impulse = 1{'0' * 400}", "impulse must be a number from 0 to 2000, not 1000"),
+        (f"impulse = 1{'0' * 400}", "impulse must be a number from 0 to 2000, not a whole number of more than"),
         ("without_step = 1", "without_step must be true or false, not 1"),
         ("body = 3", "body must be a text, not 3"),
         ("search = false", "search must be a text, not False"),
@@ -291,8 +291,8 @@ def test_a_file_holds_what_it_says(tmp_path: Path) -> None:
         ("directions = [nan]", "directions must be how many (1 to 360) or a list"),
         ("directions = [[0.0], 90.0]", "directions must be how many (1 to 360) or a list"),
         ("directions = [{angle = 0.0}]", "directions must be how many (1 to 360) or a list"),
-        ("trials = 2.5", "trials must be a whole number, not 2.5"),
-        ("trials = 0", "trials must be a number from 1 to 10000, not 0"),
+        ("trials = 2.5", "trials must be a whole number from 1 to 10000, not 2.5"),
+        ("trials = 0", "trials must be a whole number from 1 to 10000, not 0"),
         ("latency = 0.05", "latency must be a number from 0 to 0.04, not 0.05"),
         ("physics_hz = 750", "physics_hz must be a multiple of 500, not 750"),
         ("quiet_from = 12.0", "quiet_from must be before the horizon, not 12 s"),
@@ -319,7 +319,7 @@ def test_a_wrong_value_is_answered_with_the_file_the_scenario_and_the_fault(
     [
         ('[[scenario]]\nname = "a"\nimpuls = 3', ", scenario 1: unknown key: impuls; valid: name, search, "),
         ("[[scenario]]\nimpulse = 3.0", ", scenario 1: a name is needed"),
-        ("[[scenario]]\nname = 7", ", scenario 1: a name is needed"),
+        ("[[scenario]]\nname = 7", ", scenario 1: name must be a text of up to 255 printable characters, not 7"),
         ("scenario = [7]", ", scenario 1: must be a [[scenario]] entry, not 7"),
         ('[[scenario]]\nname = "a"\n' * 2, ": two scenarios are named a"),
         ('[scenario]\nname = "a"', " must hold [[scenario]] entries and nothing else"),
@@ -337,7 +337,7 @@ def test_a_wrong_file_is_answered_with_the_file_and_the_fault(tmp_path: Path, te
 def test_what_is_no_toml_is_refused(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "mine.toml"
     file.write_bytes(content)
-    with pytest.raises(UserError, match=r"cannot read .*mine\.toml as a scenario file: "):
+    with pytest.raises(UserError, match=r"cannot read (scenario file )?.*mine\.toml"):
         suite(str(file))
 
 

@@ -7,6 +7,7 @@ them refuses is refused by all.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import stat
@@ -180,10 +181,15 @@ def check_fields(kind: type, values: Mapping[str, Any], where: str) -> None:
     Raises:
         UserError: a value has another type.
     """
-    annotations = typing.get_type_hints(kind)
+    annotations = _annotations(kind)
     for name, value in values.items():
         if name in annotations and not fits(value, annotations[name]):
             raise UserError(f"{where}: {name} must be {_words(annotations[name])}, not {shortened(value)}")
+
+
+@functools.cache
+def _annotations(kind: type) -> dict[str, Any]:
+    return typing.get_type_hints(kind)
 
 
 def fits(value: Any, annotation: Any) -> bool:

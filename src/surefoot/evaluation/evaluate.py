@@ -10,9 +10,10 @@ from typing import Any, Protocol
 
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.protocol import PROTOCOL, protocol_for
-from surefoot.evaluation.results import Results, TrialStore
+from surefoot.evaluation.results import Results
 from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario
 from surefoot.evaluation.threshold_search import FixedTrials, Threshold, ThresholdSearch, TrialRequest
+from surefoot.evaluation.trial_store import TrialStore
 from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
 from surefoot.robots import Robot
 from surefoot.task.agent import Agent

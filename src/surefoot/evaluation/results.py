@@ -7,26 +7,24 @@ on where it was, and a changed robot never answers for an old one.
 from __future__ import annotations
 
 import json
-import math
 import sqlite3
-import time
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import surefoot
 from surefoot.agents.controllers.step_times import Timing
+from surefoot.checks import check_fields, parse_json_table
 from surefoot.errors import UserError, notice
 from surefoot.evaluation import results_export
 from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.results_check import check_only_tables, check_results, connect, reading, using
 from surefoot.evaluation.results_old import OLD_SCHEMAS, copy_into, copy_to
 from surefoot.evaluation.results_schema import (
     IS_KEY,
     KEY,
     OUTCOME,
-    OUTCOME_COLUMNS,
     SCHEMA,
     TABLES,
     Key,
@@ -34,18 +32,16 @@ from surefoot.evaluation.results_schema import (
     insert,
     latest,
     outcome_of,
-    outcome_values,
     threshold_of,
 )
-from surefoot.evaluation.scenarios import Scenario, from_json
+from surefoot.evaluation.scenario_file import stored_scenario
+from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
-from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json, trial_to_json
+from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json
+from surefoot.evaluation.trial_store import Committer, TrialStore
 from surefoot.evaluation.trials import Trial
 from surefoot.task.agent import Agent
-
-COMMIT_S = 0.5
-"""At most this much work is lost when the process is killed."""
 
 _AUDIT = f"""
 SELECT scenario, count(*) AS trials, sum(reason = 'recovered') AS recovered, sum(reason = 'fell') AS fell,
@@ -84,8 +80,9 @@ class Results:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        try:
-            self._db = sqlite3.connect(path, timeout=60.0)
+        with using(path):
+            self._db = connect(path)
+            check_only_tables(self._db, path)
             version = self._db.execute("PRAGMA user_version").fetchone()[0]
             tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if tables and version not in (SCHEMA, *OLD_SCHEMAS):
@@ -96,11 +93,13 @@ class Results:
             if tables and version in OLD_SCHEMAS:
                 self._db.close()
                 self.path, self._db = _renewed(self.path, version)
+                check_only_tables(self._db, self.path)
+            if tables:
+                check_results(self._db, path)
             self._db.executescript(TABLES)
             self._db.execute(f"PRAGMA user_version = {SCHEMA}")
             self._db.commit()
-        except sqlite3.Error as error:
-            raise UserError(f"cannot use {path} as a results table: {error}") from error
+        self._committer = Committer(self._db, self.path)
 
     def __enter__(self) -> Results:
         return self
@@ -112,13 +111,15 @@ class Results:
 
     def close(self) -> None:
         """Commit what is there."""
-        self._db.commit()
-        self._db.close()
+        try:
+            self._committer.now()
+        finally:
+            self._db.close()
 
     def trials_of(self, policy: Agent) -> TrialStore:
         """The policy's trials, as the evaluation's store."""
         insert(self._db, "policies", [(policy.digest, policy.name, policy.contract.to_json())])
-        return TrialStore(self._db, key_of(policy))
+        return self.outcomes(key_of(policy))
 
     def add_thresholds(self, policy: Agent, thresholds: Iterable[Threshold]) -> None:
         """Keep what was found, in place of what was found before along the same lines."""
@@ -131,24 +132,29 @@ class Results:
             for t in thresholds
         ]  # fmt: skip
         insert(self._db, "thresholds", rows)
-        self._db.commit()
+        self._committer.now()
 
     def add_scenarios(self, policy: Agent, scenarios: Iterable[Scenario], wall_s: float) -> None:
         """Note that these have been run to their end, in so many seconds altogether."""
         key = key_of(policy).values()
         rows = [(*key, scenario.name, scenario_to_json(scenario), wall_s) for scenario in scenarios]
         insert(self._db, "scenarios", rows)
-        self._db.commit()
+        self._committer.now()
 
     def add_timing(self, policy: Agent, timing: Timing) -> None:
         """Keep how long a controller's steps took, in place of what was kept before."""
         insert(self._db, "controllers", [(*key_of(policy).values(), json.dumps(asdict(timing)))])
-        self._db.commit()
+        self._committer.now()
 
     def timing(self, key: Key) -> Timing | None:
         """A controller's times per control step; None for policies."""
         row = self._db.execute(f"SELECT timing FROM controllers WHERE {IS_KEY}", key.values()).fetchone()
-        return Timing(**json.loads(row[0])) if row else None
+        if not row:
+            return None
+        with reading(self.path):
+            values = parse_json_table(row[0], "the times of a controller")
+            check_fields(Timing, {key: 0.0 if value != value else value for key, value in values.items()}, "times")
+            return Timing(**values)
 
     def policies(self) -> dict[str, tuple[str, str]]:
         """Name -> (digest, contract as JSON) of every policy in the table."""
@@ -161,7 +167,8 @@ class Results:
             f" WHERE name = ? AND {latest('thresholds')} ORDER BY scenario, angle_rad",
             (policy_name,),
         )
-        return [threshold_of(row) for row in as_dicts(cursor)]
+        with reading(self.path):
+            return [threshold_of(row) for row in as_dicts(cursor)]
 
     def fixed_outcomes(self, policy_name: str) -> dict[str, dict[Trial, Outcome]]:
         """Outcomes of the scenarios in which nothing is searched, by scenario."""
@@ -172,7 +179,8 @@ class Results:
             (policy_name,),
         )
         for row in list(as_dicts(cursor)):
-            key, scenario = Key.of(row), from_json(json.loads(row["definition"]))
+            with reading(self.path):
+                key, scenario = Key.of(row), stored_scenario(row["definition"])
             if not scenario.search:
                 stores[key] = stores.get(key) or self.outcomes(key)
                 asked = [trial for line in scenario.lines() for trial in line.fixed_trials()]
@@ -194,7 +202,7 @@ class Results:
 
     def outcomes(self, key: Key) -> TrialStore:
         """All outcomes of one policy under one setup."""
-        return TrialStore(self._db, key)
+        return TrialStore(self._db, key, self._committer, self.path)
 
     def audit_rows(self, key: Key) -> list[dict[str, Any]]:
         """By scenario: how many trials ended how, and the largest shares of the limits that they used."""
@@ -227,44 +235,14 @@ class Results:
         if not found:
             last = self._db.execute("SELECT max(id) FROM trials").fetchone()[0] or 0
             raise UserError(f"{self.path} has no row {row_id}; valid: 1 to {last}")
-        (row,) = found
-        outcome = outcome_of([row[name] for name in OUTCOME])
-        return Row(row["name"], Key.of(row), row["scenario"], trial_from_json(row["trial"]), outcome)
+        row = found[0]
+        with reading(self.path):
+            outcome = outcome_of([row[name] for name in OUTCOME])
+            return Row(row["name"], Key.of(row), row["scenario"], trial_from_json(row["trial"]), outcome)
 
     def export(self, table: str, path: str | Path) -> None:
         """Write one table to a .csv or .parquet file; see `results_export.export`."""
         results_export.export(self._db, table, path)
-
-
-class TrialStore:
-    """Outcomes of one policy's trials under one setup."""
-
-    def __init__(self, db: sqlite3.Connection, key: Key):
-        self._db = db
-        self._key = key.values()
-        self._committed = time.monotonic()
-        rows = db.execute(f"SELECT trial, {OUTCOME_COLUMNS} FROM trials WHERE {IS_KEY}", self._key)
-        self._known = {trial_from_json(trial): outcome_of(outcome) for trial, *outcome in rows}
-
-    def get(self, trial: Trial) -> Outcome | None:
-        """The outcome of a trial, if it is known."""
-        return self._known.get(trial)
-
-    def put(self, trial: Trial, outcome: Outcome, scenario: str = "") -> None:
-        """Keep the outcome of a trial that was run for a scenario."""
-        self._known[trial] = outcome
-        push = trial.push
-        x, y, _ = push.direction
-        angle = math.degrees(math.atan2(y, x)) % 360.0 if x or y else None
-        drop = trial.drop.height if trial.drop else 0.0
-        row = (
-            None, *self._key, scenario, push.body, angle, push.impulse, drop, trial.seed, int(trial.full_length),
-            trial_to_json(trial), *outcome_values(outcome), surefoot.__version__,
-        )  # fmt: skip
-        insert(self._db, "trials", [row])
-        if time.monotonic() - self._committed > COMMIT_S:
-            self._db.commit()
-            self._committed = time.monotonic()
 
 
 def key_of(policy: Agent) -> Key:
@@ -290,11 +268,15 @@ def _renewed(path: Path, version: int) -> tuple[Path, sqlite3.Connection]:
         part = new.with_name(f".{new.name}.part")
         try:
             part.unlink(missing_ok=True)
-            copy_to(path, part)
+            with reading(path):
+                copy_to(path, part)
             part.rename(new)
         except (OSError, sqlite3.OperationalError):
-            db = sqlite3.connect(":memory:")
-            copy_into(path, db)
+            db = connect(":memory:")
+            with reading(path):
+                copy_into(path, db)
             return path, db
+        finally:
+            part.unlink(missing_ok=True)
     notice(f"{path} is a results table of version {version}; its copy in version {SCHEMA} is used: {new}")
-    return new, sqlite3.connect(new, timeout=60.0)
+    return new, connect(new)

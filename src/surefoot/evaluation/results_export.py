@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import sqlite3
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,11 +11,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from surefoot.checks import MAX_PATH, check_text, read_text
 from surefoot.errors import UserError
 from surefoot.evaluation.results_old import threshold_row
 from surefoot.evaluation.results_schema import Key, as_dicts, latest, threshold_of
 from surefoot.evaluation.threshold_search import Threshold
 
+MAX_CSV_BYTES = 50_000_000
+"""Of a table of thresholds."""
 EXPORT_SUFFIXES = (".csv", ".parquet")
 _EXPORTS = {
     "policies": "SELECT * FROM policies",
@@ -81,12 +85,11 @@ def read_threshold_rows(path: str | Path) -> list[ThresholdRow]:
     Raises:
         UserError: the file is missing or is not such a table.
     """
+    text = read_text(path, "table", MAX_CSV_BYTES)
     try:
-        with Path(path).open(newline="") as stream:
-            return [_threshold_row(row) for row in csv.DictReader(stream)]
-    except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror or error}") from error
-    except (KeyError, ValueError, TypeError) as error:
+        rows = csv.DictReader(io.StringIO(text, newline=""))
+        return [_threshold_row(row) for row in rows]
+    except (KeyError, ValueError, TypeError, OverflowError, csv.Error) as error:
         raise UserError(f"{path} is not a table of thresholds: {error}") from error
 
 
@@ -104,4 +107,4 @@ def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
 
 def _threshold_row(row: Mapping[str, Any]) -> ThresholdRow:
     renewed = threshold_row(row) if "setup" in row else row
-    return ThresholdRow(renewed["name"], Key.of(renewed), threshold_of(renewed))
+    return ThresholdRow(check_text("name", renewed["name"], MAX_PATH), Key.of(renewed), threshold_of(renewed))

@@ -10,7 +10,6 @@ import contextlib
 import dataclasses
 import functools
 import importlib.resources
-import json
 import sqlite3
 import tomllib
 from collections.abc import Mapping
@@ -18,9 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.agents.load import usual_robot
+from surefoot.checks import parse_json_table
 from surefoot.errors import UserError
 from surefoot.evaluation.results_schema import SCHEMA, SETUP_COLUMNS, TABLES, as_dicts, insert
-from surefoot.evaluation.scenarios import ROOT, canonical_name, from_json
+from surefoot.evaluation.scenario_file import stored_scenario
+from surefoot.evaluation.scenarios import ROOT, canonical_name
 from surefoot.evaluation.setup import UNKNOWN_PROTOCOL, Setup
 from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial
@@ -91,7 +92,7 @@ def _columns(db: sqlite3.Connection) -> dict[str, list[str]]:
 
 def _setups(source: sqlite3.Connection) -> dict[tuple[str, str], Setup]:
     """Digests of policy and setup -> the setup, for all that the tables hold."""
-    robots = {digest: str(json.loads(text)["robot"]) for digest, text in source.execute(
+    robots = {digest: str(parse_json_table(text, "a contract")["robot"]) for digest, text in source.execute(
         "SELECT policy, contract FROM policies"
     )}  # fmt: skip
     engines = dict(source.execute("SELECT DISTINCT setup, 'mujoco ' || mujoco FROM trials"))
@@ -128,7 +129,7 @@ def _trial(text: str, robot: str) -> Trial:
 
 def _scenario(name: str, definition: str, robot: str) -> tuple[str, str]:
     """Name and definition of a scenario in today's words."""
-    scenario, root = from_json(json.loads(definition)), _root(robot)
+    scenario, root = stored_scenario(definition), _root(robot)
     body = ROOT if scenario.body == root else scenario.body
     renewed = dataclasses.replace(scenario, name=canonical_name(scenario.name, root), body=body)
     return canonical_name(name, root), scenario_to_json(renewed)

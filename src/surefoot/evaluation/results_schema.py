@@ -8,16 +8,21 @@ import sqlite3
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from surefoot.checks import check_number, check_text, parse_json, shortened
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.protocol import PROTOCOL, Protocol, protocol_for
-from surefoot.evaluation.scenarios import Line, from_json
+from surefoot.evaluation.scenario_file import stored_scenario
+from surefoot.evaluation.scenarios import Line
 from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.robots import load_robot
 
 SCHEMA = 4
 """Version of the tables, in SQLite's `user_version`."""
+
+MAX_TRIALS, MAX_SIZE, MAX_ANGLE, MAX_WORD = 10_000, 100_000.0, 10.0, 60
+"""Of a threshold that is read: its trials, its size, its direction's angle [rad], and the length of its words."""
 
 SETUP_COLUMNS = tuple(field.name for field in dataclasses.fields(Setup))
 KEY = ", ".join(("policy", *SETUP_COLUMNS))
@@ -118,15 +123,27 @@ def outcome_values(outcome: Outcome) -> tuple[Any, ...]:
 
 
 def outcome_of(values: Sequence[Any]) -> Outcome:
-    """The inverse of `outcome_values`."""
+    """The inverse of `outcome_values`.
+
+    Raises:
+        UserError, TypeError: they are no such values.
+    """
     readers: dict[str, Callable[[Any], Any]] = {
         "bool": bool,
         "float": lambda value: float("nan") if value is None else value,  # SQLite keeps NaN as NULL
-        "tuple[float, ...]": lambda text: tuple(json.loads(text)),
+        "tuple[float, ...]": _numbers,
     }
     pairs = zip(OUTCOME.items(), values, strict=True)
     restored: dict[str, Any] = {name: readers.get(kind, lambda value: value)(value) for (name, kind), value in pairs}
     return Outcome(**restored)
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    """Numbers of a JSON list; they may be NaN."""
+    values = parse_json(text, "a list of numbers")
+    if not isinstance(values, list) or not all(type(value) in (int, float) for value in values):
+        raise UserError(f"a list of numbers is needed, not {shortened(text)}")
+    return tuple(values)
 
 
 def threshold_of(row: Mapping[str, Any]) -> Threshold:
@@ -135,10 +152,16 @@ def threshold_of(row: Mapping[str, Any]) -> Threshold:
     Raises:
         KeyError, ValueError, TypeError: it is no such row.
     """
-    scenario = from_json(json.loads(row["definition"]))
-    line = Line(scenario, row["direction"], float(row["angle_rad"]), _protocol_of(row.get("robot")))
-    size, low, high = (float(row[key]) for key in ("size", "low", "high"))
-    return Threshold(line, size, int(row["trials"]), int(row["recovered"]), low, high, row["limited_by"])
+    scenario = stored_scenario(row["definition"])
+    direction = check_text("direction", row["direction"], MAX_WORD)
+    angle = check_number("angle_rad", float(row["angle_rad"]), -MAX_ANGLE, MAX_ANGLE)
+    line = Line(scenario, direction, angle, _protocol_of(row.get("robot")))
+    size = check_number("size", float(row["size"]), 0.0, MAX_SIZE)
+    trials = int(check_number("trials", int(row["trials"]), 0, MAX_TRIALS))
+    recovered = int(check_number("recovered", int(row["recovered"]), 0, trials))
+    low, high = (check_number(key, float(row[key]), 0.0, 1.0) for key in ("low", "high"))
+    limited_by = check_text("limited_by", row["limited_by"], MAX_WORD)
+    return Threshold(line, size, trials, recovered, low, high, limited_by)
 
 
 def _protocol_of(robot: str | None) -> Protocol:

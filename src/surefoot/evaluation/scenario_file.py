@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.resources
-import math
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from surefoot.checks import (
+    MAX_NAME,
+    check_number,
+    check_path,
+    check_text,
+    is_number,
+    parse_json_table,
+    parse_toml,
+    read_text,
+    shortened,
+)
 from surefoot.errors import UserError, notice
 from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.scenarios import DIRECTIONS, OLD_KEYS, ROOT, UNITS, Scenario
@@ -42,6 +51,8 @@ _RANGES: dict[str, tuple[float, float]] = {
 }
 """Valid values of the numbers, both ends included."""
 _WHOLE_NUMBERS = ("trials", "physics_hz")
+MAX_TRIALS = 100_000
+"""Of a scenario in which nothing is searched, over all its directions."""
 
 
 def suite(name: str, robot: Robot | None = None) -> tuple[Scenario, ...]:
@@ -57,22 +68,16 @@ def suite(name: str, robot: Robot | None = None) -> tuple[Scenario, ...]:
     if name in SUITE_NAMES:
         file = importlib.resources.files("surefoot.evaluation") / "suites" / f"{name}.toml"
         return _read(file.read_text(), f"suite {name}", None)
+    check_path("suite", name)
     path = Path(name)
-    if not path.is_file():
+    if not path.exists() or path.is_dir():
         raise UserError(f"unknown suite '{name}'; valid: {', '.join(SUITE_NAMES)}, or a scenario file (.toml)")
-    try:
-        text = path.read_text()
-    except (OSError, ValueError) as error:
-        raise UserError(f"cannot read {path} as a scenario file: {error}") from error
-    return _read(text, str(path), robot)
+    return _read(read_text(path, "scenario file"), str(path), robot)
 
 
 def _read(text: str, file: str, robot: Robot | None) -> tuple[Scenario, ...]:
     """The scenarios of a file's text; `file` names it in messages."""
-    try:
-        entries = tomllib.loads(text)
-    except ValueError as error:  # no TOML, or a number of thousands of digits
-        raise UserError(f"cannot read {file} as a scenario file: {error}") from error
+    entries = parse_toml(text, f"{file} as a scenario file")
     unknown = set(entries) - {"scenario"}
     if unknown or not isinstance(entries.get("scenario"), list) or not entries["scenario"]:
         raise UserError(f"{file} must hold [[scenario]] entries and nothing else{_named(unknown)}")
@@ -88,13 +93,29 @@ def _read(text: str, file: str, robot: Robot | None) -> tuple[Scenario, ...]:
 def _scenario(entry: Any, where: str, robot: Robot | None) -> Scenario:
     """The scenario of one entry; `where` names it in messages."""
     if not isinstance(entry, dict):
-        raise UserError(f"{where}: must be a [[scenario]] entry, not {entry}")
-    entry = _renamed(entry, where)
+        raise UserError(f"{where}: must be a [[scenario]] entry, not {shortened(entry)}")
+    return _checked(_renamed(entry, where), where, robot)
+
+
+def stored_scenario(text: str) -> Scenario:
+    """The scenario that results keep as JSON, checked as one of a file; keys of version 0.1 are understood.
+
+    Raises:
+        UserError: the text is anything else.
+    """
+    values = parse_json_table(text, "a scenario")
+    entry = {OLD_KEYS.get(key, key): value for key, value in values.items() if value is not None}
+    return _checked(entry, "a scenario", None)
+
+
+def _checked(entry: dict[str, Any], where: str, robot: Robot | None) -> Scenario:
+    """The scenario of an entry with today's keys."""
     unknown = set(entry) - set(_FIELDS)
     if unknown:
         raise UserError(f"{where}: unknown key{_named(unknown)}; valid: {', '.join(_FIELDS)}")
-    if not isinstance(entry.get("name"), str) or not entry["name"]:
+    if not entry.get("name"):
         raise UserError(f"{where}: a name is needed")
+    check_text(f"{where}: name", entry["name"], MAX_NAME)
     where = f"{where} ({entry['name']})"
     values: dict[str, Any] = {key: _value(key, value, where) for key, value in entry.items()}
     scenario = Scenario(**values)
@@ -127,6 +148,9 @@ def _check_together(scenario: Scenario, where: str) -> None:
     twice = _repeated(line.name for line in scenario.lines())
     if twice:
         raise UserError(f"{where}: direction '{twice[0]}' is given twice")
+    num_trials = scenario.trials * len(scenario.lines())
+    if not scenario.search and num_trials > MAX_TRIALS:
+        raise UserError(f"{where}: {num_trials:,} trials are too many; valid: up to {MAX_TRIALS:,}")
     if scenario.search not in ("", *UNITS):
         raise UserError(f"{where}: unknown search '{scenario.search}'; valid: {', '.join(UNITS)}, or nothing")
     if scenario.search == "tilt" and not scenario.drop:
@@ -153,22 +177,22 @@ def _value(key: str, value: Any, where: str) -> Any:
         return _number(key, value, where)
     expected = bool if key in ("without_step", "within_limits", "preceding_upward") else str
     if not isinstance(value, expected):
-        raise UserError(f"{where}: {key} must be {'true or false' if expected is bool else 'a text'}, not {value}")
+        raise UserError(
+            f"{where}: {key} must be {'true or false' if expected is bool else 'a text'}, not {shortened(value)}"
+        )
     return value
 
 
 def _number(key: str, value: Any, where: str) -> float:
     low, high = _RANGES[key]
-    if not _is_number(value) or not low <= value <= high:
-        raise UserError(f"{where}: {key} must be a number from {low:g} to {high:g}, not {value}")
-    if key in _WHOLE_NUMBERS and value != int(value):
-        raise UserError(f"{where}: {key} must be a whole number, not {value}")
-    return int(value) if key in _WHOLE_NUMBERS else float(value)
+    whole = key in _WHOLE_NUMBERS
+    checked = check_number(f"{where}: {key}", value, low, high, whole=whole)
+    return checked if whole else float(checked)
 
 
 def _interval(value: Any, where: str) -> tuple[float, ...]:
-    if not (isinstance(value, list) and len(value) == 2 and all(_is_number(v) for v in value)):
-        raise UserError(f"{where}: push_interval must be two times [s], not {value}")
+    if not (isinstance(value, list) and len(value) == 2 and all(is_number(v) for v in value)):
+        raise UserError(f"{where}: push_interval must be two times [s], not {shortened(value)}")
     if not 0.0 <= value[0] <= value[1] <= 5.0:
         raise UserError(f"{where}: push_interval must be a range within 0 to 5 s, not {value}")
     return tuple(float(v) for v in value)
@@ -181,18 +205,12 @@ def _directions(value: Any, where: str) -> Any:
         return tuple(v if isinstance(v, str) else float(v) for v in value)
     raise UserError(
         f"{where}: directions must be how many (1 to 360) or a list of degrees and of {', '.join(DIRECTIONS)}, "
-        f"not {value}"
+        f"not {shortened(value)}"
     )
 
 
 def _is_direction(value: Any) -> bool:
-    return value in DIRECTIONS if isinstance(value, str) else (_is_number(value) and abs(value) <= 360.0)
-
-
-def _is_number(value: Any) -> bool:
-    # An integer is finite, however large; `math.isfinite` would have to make a float of it.
-    is_integer = isinstance(value, int) and not isinstance(value, bool)
-    return is_integer or (isinstance(value, float) and math.isfinite(value))
+    return value in DIRECTIONS if isinstance(value, str) else (is_number(value) and abs(value) <= 360.0)
 
 
 def _repeated(names: Iterable[str]) -> list[str]:

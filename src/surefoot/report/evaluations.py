@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from surefoot.agents.controllers.step_times import Timing
+from surefoot.checks import check_fields
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import full_length_outcomes
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.results import Results, TrialStore, open_results
+from surefoot.evaluation.results import Results, open_results
+from surefoot.evaluation.results_check import reading
 from surefoot.evaluation.results_schema import Key
 from surefoot.evaluation.scenarios import DIRECTIONS, Line
 from surefoot.evaluation.suites import PAPER, ROBUSTNESS, SINGLE
 from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold
+from surefoot.evaluation.trial_store import TrialStore
 from surefoot.evaluation.trials import Trial
 from surefoot.report.thresholds import Fixed, by_scenario, has_main_directions, median_steps, root_pushes
 from surefoot.robots import Robot, load_robot
@@ -107,7 +110,10 @@ def read_evaluations(files: Sequence[str | Path]) -> list[Evaluation]:
                     raise UserError(
                         f"{name} (digest {key.agent[:12]}) is in two of the results tables: {file} repeats it"
                     )
-                found[key] = _evaluation(results, key, name, Contract.from_json(contract))
+                with reading(file):
+                    assumed = Contract.from_json(contract)
+                    check_fields(Contract, asdict(assumed), f"the contract of {name}")
+                found[key] = _evaluation(results, key, name, assumed)
     if not found:
         raise UserError(f"no finished evaluation in {', '.join(map(str, files))}; run surefoot evaluate first")
     names = [e.name for e in found.values()]
