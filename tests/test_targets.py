@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import math
 
-from surefoot.report.targets import TARGETS, targets_of, targets_table
+from conftest import TIPTOE
+
+from surefoot.agents.load import usual_robot
+from surefoot.report.targets import TARGETS, targets_for, targets_of, targets_table
+from surefoot.robots import load_robot
 
 FIGURES = {"root_push.directions": 4, "root_push.sagittal": 306.0, "root_push.lateral": 240.0}
 
 
 def reached(algorithm: str, **figures: float) -> dict[str, str]:
-    table = targets_table("mine", algorithm, FIGURES | {key.replace("__", "."): v for key, v in figures.items()})
+    found = FIGURES | {key.replace("__", "."): v for key, v in figures.items()}
+    table = targets_table("mine", algorithm, found, usual_robot())
     return {row[0]: row[-1] for row in table.rows}
 
 
@@ -40,3 +45,12 @@ def test_limits_from_above_are_not_to_be_exceeded_and_a_fall_misses_them() -> No
 def test_our_targets_are_the_papers_figures_or_beyond_them() -> None:
     for target in (*TARGETS, *targets_of("trpo"), *targets_of("ppo"), *targets_of("ddpg")):
         assert target.at_most or target.paper is None or target.value >= target.paper
+
+
+def test_another_robot_is_held_to_the_same_cells_of_its_own_grid_and_not_to_the_papers_figures() -> None:
+    lines = {target.words: target for target in targets_for(load_robot(TIPTOE), "ppo")}
+    # 300 Ns are 50 cells of 6 Ns, and a cell of the second robot is 0.36 Ns.
+    assert (lines["sagittal, worse of two"].value, lines["sagittal, worse of two"].paper) == (18.0, None)
+    # 1.5 m x 0.455 m / 0.986129 m.
+    assert lines["landing, height"].value == 0.6921
+    assert targets_for(usual_robot(), "ppo") == targets_of("ppo")

@@ -127,7 +127,7 @@ def _print_tables(
 
     steps = median_steps(done.thresholds, done.store)
     tables = all_tables(agent, done.thresholds, fixed, steps, robot)
-    tables.append(targets_table(agent.name, agent.contract.training.get("algorithm", ""), metrics))
+    tables.append(targets_table(agent.name, agent.contract.training.get("algorithm", ""), metrics, robot))
     if timing:
         tables.append(timing_table({agent.name: timing}))
     for table in tables:

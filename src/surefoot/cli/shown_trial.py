@@ -28,12 +28,11 @@ def scenario_trial(robot: Robot, name: str, direction: str, size: float, seed: i
         UserError: there is no such scenario, direction, size or seed.
     """
     from surefoot.evaluation.protocol import protocol_for
-    from surefoot.evaluation.scenario_file import suite
+    from surefoot.evaluation.scenario_file import SUITE_NAMES, suite
     from surefoot.evaluation.scenarios import canonical_name
-    from surefoot.evaluation.suites import SUITES
 
     file, _, key = name.rpartition(":")
-    among = suite(file, robot) if file else [scenario for scenarios in SUITES.values() for scenario in scenarios]
+    among = [scenario for each in ([file] if file else SUITE_NAMES) for scenario in suite(each, robot)]
     scenarios = {scenario.name: scenario for scenario in among}
     key = key if key in scenarios else canonical_name(key, robot.root)
     if key not in scenarios:

@@ -21,6 +21,7 @@ from surefoot.checks import (
 )
 from surefoot.errors import UserError, notice
 from surefoot.evaluation.protocol import PROTOCOL
+from surefoot.evaluation.scenario_scale import for_robot
 from surefoot.evaluation.scenarios import DIRECTIONS, OLD_KEYS, ROOT, UNITS, Scenario
 from surefoot.rates import CONTROL_HZ, POLICY_DT
 from surefoot.robots import Robot
@@ -60,14 +61,16 @@ def suite(name: str, robot: Robot | None = None) -> tuple[Scenario, ...]:
 
     Args:
         name: of a suite of the package, or of a file.
-        robot: whose bodies the scenarios may name; without it, bodies are not checked.
+        robot: that is tested. The sizes of a suite of the package are scaled to it; those of a file are its own. Its
+            bodies are those that a file may name; without it, bodies are not checked.
 
     Raises:
         UserError: there is neither, or the file is wrong; the message names the scenario and its key.
     """
     if name in SUITE_NAMES:
         file = importlib.resources.files("surefoot.evaluation") / "suites" / f"{name}.toml"
-        return _read(file.read_text(), f"suite {name}", None)
+        scenarios = _read(file.read_text(), f"suite {name}", None)
+        return tuple(for_robot(scenario, robot) for scenario in scenarios) if robot else scenarios
     check_path("suite", name)
     path = Path(name)
     if not path.exists() or path.is_dir():

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import itertools
 
+from surefoot.evaluation.protocol import PROTOCOL, protocol_for
+from surefoot.evaluation.scenario_file import suite
 from surefoot.evaluation.scenarios import Line, Scenario
-from surefoot.evaluation.suites import PAPER, ROOT_16
+from surefoot.evaluation.suites import ROOT_16
 from surefoot.evaluation.targets import MAIN_DIRECTIONS, TARGET_VALUES
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.learning.validation import FIRST_SEED
+from surefoot.robots import Robot
 from surefoot.task.agent import Agent
 from surefoot.task.imperfections import PERFECT
 
@@ -33,13 +36,21 @@ UP_TO = {
     "noise_action": _UNDER_NOISE,
     "noise_both": _UNDER_NOISE,
 }
-"""The largest size tried of each scenario, in its unit; with noise 0.8 of the sagittal target without it."""
+"""The largest size of each scenario that the paper's robot tries, in its unit.
+
+With noise it is 0.8 of the sagittal target without it.
+"""
 _SEEDS = FIRST_SEED // 2
 
 
-def scenarios() -> list[Scenario]:
-    """Return the scenarios of the suite validation; pushes at the root come in 16 directions."""
-    return [ROOT_16 if scenario.name == ROOT_16.name else scenario for scenario in PAPER if scenario.name in UP_TO]
+def scenarios(robot: Robot | None = None) -> list[Scenario]:
+    """Return the scenarios of the suite validation; pushes at the root come in 16 directions.
+
+    Args:
+        robot: that is tested; the paper's robot without it.
+    """
+    paper = suite("paper", robot)
+    return [ROOT_16 if scenario.name == ROOT_16.name else scenario for scenario in paper if scenario.name in UP_TO]
 
 
 def validate_suite(policy: Agent, round: int = 0, num_threads: int = 0) -> dict[str, float]:
@@ -50,21 +61,26 @@ def validate_suite(policy: Agent, round: int = 0, num_threads: int = 0) -> dict[
         num_threads: of the physics; 0 for one per core.
         round: which of many such sets of trials, that differ in their seeds.
     """
-    lines = [line for scenario in scenarios() for line in scenario.lines()]
+    robot = policy.robot
+    tested = scenarios(robot)
+    lines = [line for scenario in tested for line in scenario.lines(protocol_for(robot))]
     seeds = itertools.count(_SEEDS + round * len(lines) * NUM_SIZES)
     # With noise nothing is ever quiet: only whole trials tell.
     trials = {
-        line: [line.trial(cell, next(seeds), line.scenario.imperfections != PERFECT) for cell in _cells(line)]
+        line: [line.trial(cell, next(seeds), line.scenario.imperfections != PERFECT) for cell in _cells(line, robot)]
         for line in lines
     }
     every: list[Trial] = [trial for asked in trials.values() for trial in asked]
     outcomes = run_list(policy, every, num_threads=num_threads)
-    passed: dict[str, list[bool]] = {scenario.name: [] for scenario in scenarios()}
+    passed: dict[str, list[bool]] = {scenario.name: [] for scenario in tested}
     for line, asked in trials.items():
         passed[line.scenario.name] += [line.succeeded(outcomes[trial]) for trial in asked]
     return {name: sum(each) / len(each) for name, each in passed.items()}
 
 
-def _cells(line: Line) -> list[int]:
-    end = UP_TO[line.scenario.name] / line.grid
+def _cells(line: Line, robot: Robot) -> list[int]:
+    """Sizes up to the target: the same cells of impulses and tilts for any robot, and heights by its legs."""
+    search = line.scenario.search
+    end = UP_TO[line.scenario.name] / PROTOCOL.grid(search)[0]
+    end *= robot.length_scale if search == "height" else 1.0
     return [round(end * (k + 1) / NUM_SIZES) for k in range(NUM_SIZES)]

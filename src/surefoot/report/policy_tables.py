@@ -23,17 +23,25 @@ def all_tables(
     found_tables: list[Table] = []
     if "root_push" in found:
         found_tables.append(direction_table(policy.name, thresholds, robot, np.array(policy.contract.nominal_pose)))
-    if has_main_directions(root_pushes(thresholds)):
-        found_tables.append(table_1({policy.contract.training.get("algorithm", policy.name): thresholds}, robot))
-    found_tables.append(table_2(fixed))
-    found_tables.append(table_3(thresholds, robot, steps))
-    if has_table_4(policy.name, thresholds):
-        found_tables.append(table_4({policy.name: thresholds}, robot))
-    found_tables += table_5(fixed, robot)
+    if robot.is_of_the_paper:
+        found_tables += _tables_of_the_paper(policy, thresholds, fixed, steps)
     found_tables.append(quiet_table(fixed))
     if set(found) != {"root_push"}:
         found_tables.append(scenario_table(policy.name, thresholds, robot))
     return [table for table in found_tables if table.rows]
+
+
+def _tables_of_the_paper(
+    policy: Agent, thresholds: Sequence[Threshold], fixed: Fixed, steps: Mapping[str, float]
+) -> list[Table]:
+    """The paper's tables I to V, with its figures beside those of a policy for its robot."""
+    robot, found_tables = policy.robot, []
+    if has_main_directions(root_pushes(thresholds)):
+        found_tables.append(table_1({policy.contract.training.get("algorithm", policy.name): thresholds}, robot))
+    found_tables += [table_2(fixed), table_3(thresholds, robot, steps)]
+    if has_table_4(policy.name, thresholds):
+        found_tables.append(table_4({policy.name: thresholds}, robot))
+    return [*found_tables, *table_5(fixed, robot)]
 
 
 def quiet_table(fixed: Fixed) -> Table:

@@ -6,9 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from surefoot.evaluation.protocol import PROTOCOL, protocol_for
 from surefoot.evaluation.targets import MAIN_DIRECTIONS, TARGET_VALUES
 from surefoot.report import paper
 from surefoot.report.table import Table
+from surefoot.robots import Robot
+
+_DIGITS = 4
 
 
 class Target(NamedTuple):
@@ -75,10 +79,25 @@ def targets_of(algorithm: str) -> tuple[Target, ...]:
     )
 
 
-def targets_table(name: str, algorithm: str, metrics: Mapping[str, float]) -> Table:
+def targets_for(robot: Robot, algorithm: str) -> tuple[Target, ...]:
+    """All lines with the targets scaled to a robot: the same cells of its grid, heights by its legs, power by both.
+
+    The paper's figures stand only beside its own robot.
+    """
+    lines = targets_of(algorithm)
+    if robot.is_of_the_paper:
+        return lines
+    impulse = protocol_for(robot).impulse_step / PROTOCOL.impulse_step
+    scales = {"Ns": impulse, "m": robot.length_scale, "W": robot.power_scale}
+    return tuple(
+        line._replace(value=round(line.value * scales.get(line.unit, 1.0), _DIGITS), paper=None) for line in lines
+    )
+
+
+def targets_table(name: str, algorithm: str, metrics: Mapping[str, float], robot: Robot) -> Table:
     """What a policy reaches on the lines that were tested."""
     rows = []
-    for target in targets_of(algorithm):
+    for target in targets_for(robot, algorithm):
         if target.key in metrics and metrics.get("root_push.directions", 0) >= target.directions:
             found = metrics[target.key]
             reached = found <= target.value if target.at_most else found >= target.value
@@ -89,4 +108,7 @@ def targets_table(name: str, algorithm: str, metrics: Mapping[str, float]) -> Ta
                 (target.words, target.unit, theirs, f"{sign} {target.value:g}", value, "yes" if reached else "no")
             )
     columns = ("line", "unit", "paper", "target", name, "reached")
-    return Table("The lines to beat", columns, rows, "Largest values over all trials for drift, steps and power.")
+    note = "Largest values over all trials for drift, steps and power."
+    if not robot.is_of_the_paper:
+        note += " Targets are those for the paper's robot, scaled by mass and length of the legs."
+    return Table("The lines to beat", columns, rows, note)

@@ -113,6 +113,11 @@ class Robot:
         return self.leg_length / REFERENCE_LEG
 
     @property
+    def is_of_the_paper(self) -> bool:
+        """Does the robot have the size of the paper's, so that its figures can stand beside the paper's?"""
+        return self.mass_scale == 1.0 and self.length_scale == 1.0
+
+    @property
     def time_scale(self) -> float:
         """How long a motion of its pendulum takes over that of the paper's robot: the root of the length's scale."""
         return math.sqrt(self.length_scale)
