@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 
 import tyro
 
+from surefoot.cli.agent import AgentCommand
 from surefoot.cli.bench import Bench
 from surefoot.cli.demo import Demo
 from surefoot.cli.evaluate import Evaluate
@@ -25,6 +26,7 @@ from surefoot.errors import UserError
 COMMANDS: dict[str, Callable[..., Any]] = {
     "train": Train,
     "evaluate": Evaluate,
+    "agent": AgentCommand,
     "replay": Replay,
     "report": Report,
     "table": Table,

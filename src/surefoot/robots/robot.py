@@ -133,6 +133,18 @@ class Robot:
         return self.mass_scale * self.speed_scale
 
     @functools.cached_property
+    def breadth_first(self) -> np.ndarray:
+        """Places of the joints in the order in which Isaac Lab counts them: all joints nearest to the root first."""
+        model = self.model()
+        depths = []
+        for name in self.joint_names:
+            body, depth = int(model.jnt_bodyid[model.joint(name).id]), 0
+            while body > 1:
+                depth, body = depth + int(model.body_jntnum[body]), int(model.body_parentid[body])
+            depths.append(depth)
+        return np.argsort(depths, kind="stable")
+
+    @functools.cached_property
     def standing_height(self) -> float:
         """Height of the highest body's frame above the soles, joints at zero [m]: by which pictures are framed."""
         model = self.model()

@@ -33,6 +33,9 @@ class Controller(Protocol):
       the control step) or "cubic" (at rest at both ends).
     - `stiffness`, `damping`: the joint impedance (num_joints,) [Nm/rad, Nms/rad]; the robot's own without them.
     - `clips_targets`: False if targets may lie beyond the joint ranges.
+    - `command`: forward, left and turning speed that each robot is asked for (num_robots, 3) [m/s, m/s, rad/s], zero
+      at first, for a controller that walks; `surefoot agent check` sets it.
+    - `observed`: name -> numbers (n, size) that it was given last, which `surefoot agent check` shows.
     - `files`: paths of the files that it stands on, such as a network; results of other contents are told apart.
     """
 
@@ -106,6 +109,23 @@ class ControllerAgent:
     def prepare(self, num_robots: int) -> None:
         """Make the controller for so many robots."""
         self._controller = self.make(self.robot, num_robots)
+
+    def ask_for(self, command: np.ndarray) -> bool:
+        """Ask each robot for forward, left and turning speed (num_robots, 3) [m/s, m/s, rad/s].
+
+        Returns:
+            Whether the controller takes commands.
+        """
+        asked = getattr(self._prepared(), "command", None)
+        if asked is None:
+            return False
+        asked[:] = command
+        return True
+
+    @property
+    def observed(self) -> dict[str, np.ndarray]:
+        """What the controller says that it was given in its last control step: name -> numbers (n, size)."""
+        return getattr(self._controller, "observed", {})
 
     def reset(self, ids: np.ndarray) -> None:
         """Let the controller forget robots `ids` (n,)."""

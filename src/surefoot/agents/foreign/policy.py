@@ -30,7 +30,8 @@ class ForeignPolicy:
 
     Attributes:
         observations: name of an observation -> how it is made; a class of yours may know more.
-        command: forward, left and turning speed that the network is asked for (3,) [m/s, m/s, rad/s].
+        command: forward, left and turning speed that each robot is asked for (num_robots, 3) [m/s, m/s, rad/s].
+        observed: what the network was given of each observation in the last control step (n, history * size).
 
     Raises:
         UserError: the network is for other joints, takes an observation that is not known, or has other sizes.
@@ -44,7 +45,8 @@ class ForeignPolicy:
         self.network, self.interface = network, interface
         self.rate_hz = interface.rate_hz
         self.files = (*network.files, *interface.files)
-        self.command = np.zeros(3)
+        self.command = np.zeros((num_robots, 3))
+        self.observed: dict[str, np.ndarray] = {}
         self._joints = _places(robot, interface)
         self.stiffness, self.damping, self.pose = robot.stiffness.copy(), robot.damping.copy(), robot.pose().copy()
         self.stiffness[self._joints], self.damping[self._joints] = interface.stiffness, interface.damping
@@ -73,10 +75,6 @@ class ForeignPolicy:
 
     def observe(self, state: State, ids: np.ndarray) -> np.ndarray:
         """What the network is given of robots `ids` (n,), and remember it: (n, num_inputs) float64."""
-        return np.concatenate(list(self.observed_terms(state, ids)), axis=1)
-
-    def observed_terms(self, state: State, ids: np.ndarray) -> list[np.ndarray]:
-        """The same term by term, (n, history * size) each."""
         now = self._moment(state, ids)
         new = self._is_new[ids]
         self._is_new[ids] = False
@@ -86,7 +84,8 @@ class ForeignPolicy:
             history[ids, :-1] = history[ids, 1:]
             history[ids, -1] = value
             history[ids[new]] = value[new, None]
-        return [history[ids].reshape(len(ids), -1) for history in self._history]
+            self.observed[term.name] = history[ids].reshape(len(ids), -1)
+        return np.concatenate([self.observed[term.name] for term in self.interface.terms], axis=1)
 
     def _moment(self, state: State, ids: np.ndarray) -> Moment:
         return Moment(
@@ -95,7 +94,7 @@ class ForeignPolicy:
             state.joint_velocity[:, self._joints],
             self.interface.default_pose,
             self._action[ids],
-            np.broadcast_to(self.command, (len(ids), 3)),
+            self.command[ids],
             np.nan,
         )
 
