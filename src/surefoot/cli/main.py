@@ -14,6 +14,7 @@ from surefoot.cli.demo import Demo
 from surefoot.cli.evaluate import Evaluate
 from surefoot.cli.old_words import renewed
 from surefoot.cli.options import check_options
+from surefoot.cli.oracle import Oracle
 from surefoot.cli.play import Play
 from surefoot.cli.replay import Replay
 from surefoot.cli.report import Pictures, Report, Table
@@ -27,6 +28,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "train": Train,
     "evaluate": Evaluate,
     "agent": AgentCommand,
+    "oracle": Oracle,
     "replay": Replay,
     "report": Report,
     "table": Table,

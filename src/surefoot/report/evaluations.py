@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from surefoot.agents.controllers.step_times import Timing
 from surefoot.checks import check_fields
@@ -30,11 +33,17 @@ SHANK = "push at the shank"
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of the grid of impulses [Ns]: how many of its trials, screening and full-length, recovered."""
+    """A cell of the grid of impulses [Ns]: how many of its trials, screening and full-length, recovered.
+
+    Attributes:
+        steps: median number of steps of those that recovered; NaN if none did. Once the trunk leans too far, steps are
+            not counted any more; a foot that left its place makes it at least one.
+    """
 
     impulse: float
     recovered: int
     trials: int
+    steps: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -156,7 +165,9 @@ def _cells(line: Line, store: TrialStore) -> list[Cell]:
         if not outcomes:  # what lies above was not searched; single trials of other scenarios may
             break
         outcomes += _known(line, cell, store, NUM_FULL_LENGTH, full_length=True)
-        cells.append(Cell(line.size(cell), sum(map(line.succeeded, outcomes)), len(outcomes)))
+        steps = [max(o.steps, not o.is_without_step(line.protocol.step_length)) for o in outcomes if o.recovered]
+        median = float(np.median(steps)) if steps else math.nan
+        cells.append(Cell(line.size(cell), sum(map(line.succeeded, outcomes)), len(outcomes), median))
     return cells
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from surefoot.errors import UserError
 from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.replay import differences
+from surefoot.evaluation.scenarios import limited_name
 from surefoot.evaluation.suites import SINGLE
 from surefoot.evaluation.trials import Trial
 from surefoot.rendering.strip import filmstrip
@@ -19,8 +20,9 @@ from surefoot.report.evaluations import LARGEST, SHANK, Evaluation
 from surefoot.report.figure import Figure, drawn, webp
 from surefoot.report.learning_plots import learning_curves
 from surefoot.report.plot_style import Point, counted
+from surefoot.report.step_map import step_map
 from surefoot.report.threshold_plots import BarRow, bars_beside_paper, polar_map, success_map
-from surefoot.report.thresholds import root_pushes, root_words
+from surefoot.report.thresholds import by_scenario, root_pushes, root_words
 from surefoot.report.traces import STRIDE, Trace, run_traces
 from surefoot.report.trial_plots import footprints, motion, support_foot
 from surefoot.task.agent import Agent
@@ -49,7 +51,7 @@ def policy_figures(evaluation: Evaluation, policy: Agent | None) -> tuple[list[F
         evaluation: of the policy.
         policy: to run the drawn trials again; without it, only what needs no trial.
     """
-    found = [_success_map(evaluation)] if any(evaluation.cells.values()) else []
+    found = [_success_map(evaluation), _step_map(evaluation)] if any(evaluation.cells.values()) else []
     if policy is None or not evaluation.cases:
         return found, []
     traces = run_traces(policy, {name: case.trial for name, case in evaluation.cases.items()})
@@ -133,6 +135,22 @@ def _success_map(e: Evaluation) -> Figure:
         [["direction", "impulse [Ns]", "recovered", "trials"], *data],
         alone=True,
         **drawn(lambda path: success_map(e.cells, pushes, _bound(e, pose), path)),
+    )
+
+
+def _step_map(e: Evaluation) -> Figure:
+    found = by_scenario(e.thresholds)
+    pushes = list((found.get(limited_name("root_push")) or found["root_push"]).values())
+    without_step = list(found.get("root_push_no_step", {}).values())
+    data = [[line.name, cell.impulse, cell.steps] for line, cells in e.cells.items() for cell in cells]
+    return Figure(
+        "steps",
+        f"How many steps it takes after a push at the {root_words(e.robot)}",
+        "Median over the trials of each cell that recovered, forward up. Grey: fewer than nine in ten recovered. The"
+        " rejected impulse is the one within the joints' limits.",
+        [["direction", "impulse [Ns]", "steps"], *data],
+        alone=True,
+        **drawn(lambda path: step_map(e.cells, pushes, without_step, path)),
     )
 
 
