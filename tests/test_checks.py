@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from surefoot.checks import check_fields, check_number, parse_json, parse_toml, read_text
-from surefoot.cli.main import COMMANDS
+from surefoot.cli.commands import COMMANDS
 from surefoot.cli.options import LIMITS, check_options
 from surefoot.cli.play import Play
 from surefoot.cli.replay import Replay

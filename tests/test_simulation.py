@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import PUSH, everyone, hold, plain_steps, stand, step_to
@@ -272,6 +274,19 @@ def test_a_robot_that_diverges_is_flagged_and_counted_and_its_record_is_finite(r
     assert np.isfinite(engine.state[0]).all()
     step_to(engine, hold(robot, 4))
     assert (engine.diverged.tolist(), engine.num_diverged) == ([False] * 4, 1)
+
+
+def test_robots_that_diverge_leave_no_file_and_write_nothing(
+    robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    engine = stand(robot, 4)
+    for _ in range(5):
+        diverge(robot, engine, 2)
+    assert engine.num_diverged == 5
+    assert not list(tmp_path.iterdir())
+    written = capfd.readouterr()
+    assert written.out + written.err == ""
 
 
 @pytest.mark.usefixtures("in_scratch_folder")

@@ -9,10 +9,9 @@ from rich.console import Console
 
 from surefoot.cli.evaluate import chosen_scenarios, evaluate_agent
 from surefoot.cli.report import Pictures
+from surefoot.cli.terminal import console
 from surefoot.cli.train import Train
-
-DEMO_MARK = ".surefoot-demo"
-"""An empty file by which a demo knows a folder as its own."""
+from surefoot.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,8 @@ class Demo:
     algorithm: str = "ddpg"
     """trpo, ppo or ddpg."""
     out: Path = Path("runs/demo")
-    """Folder for the run, its results and its pictures."""
+    """Folder for the run, its results and its pictures. One that exists is left alone, and the demo goes to the next
+    of FOLDER-2, FOLDER-3, ... that does not."""
     seed: int = 0
     """Seed of every random number that is drawn."""
 
@@ -32,13 +32,35 @@ class Demo:
         """Learn, evaluate and draw."""
         from surefoot.agents.load import load_agent
 
-        mark = self.out / DEMO_MARK
-        if mark.exists():  # an earlier demo's folder; nothing else is ever removed
-            for file in self.out.iterdir():
-                file.unlink()
-        Train(algorithm=self.algorithm, preset="fast", run=self.out, minutes=self.minutes, seed=self.seed).main()
-        mark.touch()
-        agent = load_agent(str(self.out))
+        out = new_folder(self.out)
+        console.print(f"demo in {out}", markup=False, highlight=False, soft_wrap=True)
+        try:
+            Train(algorithm=self.algorithm, preset="fast", run=out, minutes=self.minutes, seed=self.seed).main()
+        except UserError:
+            if not any(out.iterdir()):
+                out.rmdir()
+            raise
+        agent = load_agent(str(out))
         pushes = chosen_scenarios("push", 4, agent.robot)
-        evaluate_agent(agent, pushes, self.out / "results.sqlite", Console(), self.out / "thresholds.csv")
-        Pictures(self.out / "thresholds.csv", self.out, str(self.out), self.out).main()
+        evaluate_agent(agent, pushes, out / "results.sqlite", Console(), out / "thresholds.csv")
+        Pictures(out / "thresholds.csv", out, str(out), out).main()
+
+
+def new_folder(path: Path) -> Path:
+    """Make a folder that nobody has used: `path`, or the first of `path`-2, `path`-3, ... that does not exist.
+
+    Raises:
+        UserError: it cannot be made.
+    """
+    path = path.resolve()
+    folder, number = path, 1
+    while True:
+        try:
+            folder.mkdir(parents=True)  # refuses a folder that another demo makes at the same moment
+        except FileExistsError:
+            number += 1
+            folder = path.parent / f"{path.name}-{number}"
+        except (OSError, ValueError) as error:
+            raise UserError(f"cannot make the folder {folder}: {getattr(error, 'strerror', None) or error}") from error
+        else:
+            return folder

@@ -55,6 +55,7 @@ class MujocoEngine:
     name = ENGINE_NAME
 
     def __init__(self, robot: Robot, num_robots: int, num_threads: int = 0, domain: DomainParameters = NOMINAL_DOMAIN):
+        _keep_mujoco_quiet()
         self.robot = robot
         self.num_robots = num_robots
         self.model = _model_with_sensors(robot, domain)
@@ -218,6 +219,13 @@ class MujocoEngine:
     def copy_control(self, other: MujocoEngine) -> None:
         """Take over the joint targets and wrenches of another simulation's last step."""
         self._control[:] = other._control
+
+
+def _keep_mujoco_quiet() -> None:
+    """Keep MuJoCo from telling of every divergence on standard error and in a file: `diverged` says the same."""
+    log = mujoco.MjLogConfig.get()
+    log.logto_console = log.logto_file = False
+    log.set()
 
 
 def _model_with_sensors(robot: Robot, domain: DomainParameters) -> mujoco.MjModel:
