@@ -11,8 +11,8 @@ import pytest
 
 from surefoot.agents.load import shipped_policies
 from surefoot.agents.policy_file import network_bytes
-from surefoot.cli.evaluate import chosen_scenarios
 from surefoot.cli.commands import COMMANDS
+from surefoot.cli.evaluate import chosen_scenarios
 from surefoot.robots import Robot, load_robot
 from surefoot.task.contract import Contract
 

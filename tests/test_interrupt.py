@@ -35,9 +35,7 @@ def test_a_module_that_swallows_ctrl_c_while_it_loads_does_not_keep_the_command_
 
 def test_outside_of_imports_ctrl_c_is_an_exception_and_in_a_block_with_nothing_to_lose_the_end(tmp_path: Path) -> None:
     raised = "interrupt.listen()\ntry: signal.raise_signal(signal.SIGINT)\nexcept KeyboardInterrupt: print('caught')"
-    ended = (
-        "interrupt.listen()\nwith interrupt.ends_at_once():\n try: signal.raise_signal(signal.SIGINT)\n finally: 0"
-    )
+    ended = "interrupt.listen()\nwith interrupt.ends_at_once():\n try: signal.raise_signal(signal.SIGINT)\n finally: 0"
     first, second = (python(f"import signal\n{code}", tmp_path) for code in (raised, ended))
     assert (first.returncode, first.stdout, first.stderr) == (0, "caught\n", "")
     assert (second.returncode, second.stdout, second.stderr) == (interrupt.EXIT_CODE, "", "")
