@@ -191,7 +191,7 @@ def test_a_scenario_comes_back_from_json_as_it_was(scenario: Scenario) -> None:
 
 
 @pytest.mark.parametrize("name", SUITES)
-def test_a_suite_is_what_it_was_when_it_stood_in_code(name: str) -> None:
+def test_a_suite_is_what_its_committed_dump_says_so_that_no_change_goes_unseen(name: str) -> None:
     dump = json.loads((Path(__file__).parent / "data" / "suites.json").read_text())
     assert SUITES[name] == tuple(map(from_json, dump[name]))
 
@@ -345,4 +345,4 @@ def test_what_is_no_toml_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_an_unknown_suite_is_answered_with_the_known_ones(name: str) -> None:
     with pytest.raises(UserError) as error:
         suite(name)
-    assert str(error.value) == f"unknown suite '{name}'; valid: paper, robustness, or a scenario file (.toml)"
+    assert str(error.value) == f"unknown suite '{name}'; valid: paper, robustness, ring, or a scenario file (.toml)"

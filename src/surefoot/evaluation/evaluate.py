@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from surefoot.evaluation.half_search import HalfSearch
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.protocol import PROTOCOL, protocol_for
 from surefoot.evaluation.results import Results
@@ -127,23 +128,31 @@ def full_length_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:
     return [outcome for trial in trials if (outcome := store.get(trial))]
 
 
+AnySearch = ThresholdSearch | HalfSearch | FixedTrials
+
+
+def _search_of(line: Line, recall: Callable[[Trial], Outcome | None]) -> AnySearch:
+    """What hands out the trials of a line."""
+    if not line.scenario.search:
+        return FixedTrials(line)
+    return HalfSearch(line, recall) if line.scenario.half else ThresholdSearch(line, recall)
+
+
 class _Search(TrialSource):
     """Hands out the trials of all lines in turn, and known outcomes without running them."""
 
     def __init__(self, lines: Sequence[Line], store: Store | None, on_progress: OnProgress | None):
         self._recall = store.get if store is not None else lambda trial: None
-        self.searches: list[ThresholdSearch | FixedTrials] = [
-            ThresholdSearch(line, self._recall) if line.scenario.search else FixedTrials(line) for line in lines
-        ]
+        self.searches = [_search_of(line, self._recall) for line in lines]
         self._store = store
         self._on_progress = on_progress
         self._num_done = 0
         self._turn = deque(self.searches)
-        self._running: dict[Trial, list[tuple[ThresholdSearch | FixedTrials, TrialRequest]]] = {}
+        self._running: dict[Trial, list[tuple[AnySearch, TrialRequest]]] = {}
 
     def thresholds(self) -> list[Threshold]:
         """The thresholds of all lines that are searched."""
-        return [search.result() for search in self.searches if isinstance(search, ThresholdSearch)]
+        return [search.result() for search in self.searches if not isinstance(search, FixedTrials)]
 
     def next(self) -> Trial | None:
         """The next trial that is neither known nor running."""
@@ -159,7 +168,7 @@ class _Search(TrialSource):
             search.report(request, known)
         return None
 
-    def _next_request(self) -> tuple[ThresholdSearch | FixedTrials, TrialRequest] | None:
+    def _next_request(self) -> tuple[AnySearch, TrialRequest] | None:
         """What is needed comes first; only if nothing is, what may be needed."""
         for ahead in (False, True):
             for _ in range(len(self._turn)):

@@ -26,7 +26,7 @@ from surefoot.evaluation.scenarios import DIRECTIONS, OLD_KEYS, ROOT, UNITS, Sce
 from surefoot.rates import CONTROL_HZ, POLICY_DT
 from surefoot.robots import Robot
 
-SUITE_NAMES = ("paper", "robustness")
+SUITE_NAMES = ("paper", "robustness", "ring")
 """Suites that come with the package."""
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(Scenario))
@@ -178,7 +178,7 @@ def _value(key: str, value: Any, where: str) -> Any:
         return _interval(value, where)
     if key in _RANGES:
         return _number(key, value, where)
-    expected = bool if key in ("without_step", "within_limits", "preceding_upward") else str
+    expected = bool if key in ("without_step", "within_limits", "half", "preceding_upward") else str
     if not isinstance(value, expected):
         raise UserError(
             f"{where}: {key} must be {'true or false' if expected is bool else 'a text'}, not {shortened(value)}"

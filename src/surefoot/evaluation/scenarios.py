@@ -57,6 +57,7 @@ class Scenario:
         push_interval: range of the time from the preceding push's start to the other's [s]; drawn by the seed.
         without_step: recovered only counts if no foot left its place.
         within_limits: recovered only counts if no joint exceeded its speed limit, see `Protocol`.
+        half: search the impulse that half of the trials survive, J50, instead of the largest one that holds.
         trials: per direction, if nothing is searched.
         horizon, quiet_from: see `Trial` [s].
         observation_noise, action_noise, sensor_bias, latency: see `Imperfections`.
@@ -76,6 +77,7 @@ class Scenario:
     push_interval: tuple[float, float] = (0.0, 0.0)
     without_step: bool = False
     within_limits: bool = False
+    half: bool = False
     trials: int = 8
     horizon: float = PROTOCOL.horizon
     quiet_from: float = PROTOCOL.quiet_from
@@ -228,7 +230,7 @@ def with_limits(scenarios: Sequence[Scenario]) -> list[Scenario]:
     for scenario in scenarios:
         found.append(scenario)
         twin = limited_name(scenario.name)
-        if scenario.search and not scenario.within_limits and twin not in names:
+        if scenario.search and not (scenario.within_limits or scenario.half) and twin not in names:
             found.append(dataclasses.replace(scenario, name=twin, within_limits=True))
     return found
 

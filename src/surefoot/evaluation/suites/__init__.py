@@ -1,4 +1,4 @@
-"""The suites that come with the package: `paper` and `robustness`, read from the scenario files of this folder."""
+"""The suites that come with the package, read from the scenario files of this folder."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from surefoot.evaluation.scenarios import Scenario
 
 SUITES: dict[str, tuple[Scenario, ...]] = {name: suite(name) for name in SUITE_NAMES}
 """Name -> scenarios."""
-PAPER, ROBUSTNESS = (SUITES[name] for name in SUITE_NAMES)
+PAPER, ROBUSTNESS, RING = (SUITES[name] for name in SUITE_NAMES)
 
 _PAPER = {scenario.name: scenario for scenario in PAPER}
 
