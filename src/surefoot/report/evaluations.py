@@ -129,6 +129,16 @@ def read_evaluations(files: Sequence[str | Path]) -> list[Evaluation]:
     return [e if names.count(e.name) == 1 else replace(e, name=f"{e.name} ({e.key.agent[:6]})") for e in found.values()]
 
 
+def has_several_robots(evaluations: Sequence[Evaluation]) -> bool:
+    """Are they of more than one robot?"""
+    return len(of_first_robot(evaluations)) < len(evaluations)
+
+
+def of_first_robot(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
+    """Those of the robot of the first one, whose thresholds are on the same grid."""
+    return [e for e in evaluations if e.contract.robot == evaluations[0].contract.robot]
+
+
 def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Evaluation:
     thresholds = sorted(results.thresholds_of(name), key=lambda t: _place(t.line.scenario.name))
     fixed = dict(sorted(results.fixed_outcomes(name).items(), key=lambda item: _place(item[0])))

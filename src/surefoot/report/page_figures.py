@@ -16,7 +16,7 @@ from surefoot.rendering.strip import filmstrip
 from surefoot.rendering.words import push_words
 from surefoot.report import paper, result_pictures
 from surefoot.report.bounds import capture_point_bound, worse_bounds
-from surefoot.report.evaluations import LARGEST, SHANK, Evaluation
+from surefoot.report.evaluations import LARGEST, SHANK, Evaluation, has_several_robots, of_first_robot
 from surefoot.report.figure import Figure, drawn, webp
 from surefoot.report.learning_plots import learning_curves
 from surefoot.report.plot_style import Point, counted
@@ -32,8 +32,9 @@ Curves = Mapping[str, Sequence[Sequence[Mapping[str, float]]]]
 
 
 def comparison_figures(evaluations: Sequence[Evaluation], curves: Curves) -> list[Figure]:
-    """Figures of all policies together."""
-    found = []
+    """Figures of all policies together; with several robots all but the first are of the first evaluation's."""
+    found = [_ring_map(evaluations)] if has_several_robots(evaluations) else []
+    evaluations = of_first_robot(evaluations)
     main = [e for e in evaluations if e.has_main_directions]
     if main:
         found.append(_bars(main))
@@ -101,6 +102,26 @@ def _polar_map(evaluations: Sequence[Evaluation]) -> Figure:
         [["policy", "direction [deg]", "rejected impulse [Ns]"], *data],
         alone=True,
         **drawn(lambda path: polar_map(points, bound, path, title="")),
+    )
+
+
+def _ring_map(evaluations: Sequence[Evaluation]) -> Figure:
+    per_mass = {
+        f"{e.robot.title}, {e.name}": [
+            (t.line.angle, t.size / e.robot.mass) for t in root_pushes(e.thresholds).values()
+        ]
+        for e in evaluations
+    }
+    data = [
+        [name, round(float(np.degrees(a)), 2), round(ns, 3)] for name, points in per_mass.items() for a, ns in points
+    ]
+    return Figure(
+        "ring",
+        "Rejected impulse by mass of the robot",
+        "Pushes at the floating body of every robot, forward up.",
+        [["robot, policy", "direction [deg]", "rejected impulse [Ns/kg]"], *data],
+        alone=True,
+        **drawn(lambda path: polar_map(per_mass, [], path, title="", unit="Ns/kg")),
     )
 
 

@@ -10,10 +10,11 @@ from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.evaluation.suites import NOISE, ROBUSTNESS
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.report import paper
-from surefoot.report.evaluations import Evaluation
+from surefoot.report.evaluations import Evaluation, has_several_robots, of_first_robot
 from surefoot.report.metrics import share_kept
 from surefoot.report.paper_tables import has_table_4, published_table, table_1, table_2, table_3, table_4, table_5
 from surefoot.report.policy_tables import quiet_table
+from surefoot.report.ring_table import ring_table
 from surefoot.report.table import Table
 from surefoot.report.threshold_tables import direction_table, scenario_table, seeds_table, worst_table
 from surefoot.report.thresholds import (
@@ -32,8 +33,14 @@ _ROBUSTNESS_NAMES = {scenario.name for scenario in ROBUSTNESS}
 
 
 def side_by_side(evaluations: Sequence[Evaluation]) -> list[Table]:
-    """Tables I and IV, published figures, share kept and quiet standing of all policies."""
+    """Tables I and IV, published figures, share kept and quiet standing of all policies.
+
+    With several robots the first table sets them side by side; the others are of the first evaluation's robot.
+    """
     found = []
+    if has_several_robots(evaluations) or any(t.line.scenario.half for e in evaluations for t in e.thresholds):
+        found.append(ring_table(evaluations))
+    evaluations = of_first_robot(evaluations)
     main = {e.name: e.thresholds for e in evaluations if e.has_main_directions}
     if main:
         found.append(table_1(main, evaluations[0].robot))

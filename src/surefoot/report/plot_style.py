@@ -86,7 +86,7 @@ def closed(points: Sequence[Point]) -> tuple[np.ndarray, np.ndarray]:
     return angles, impulses
 
 
-def style_polar(axes: PolarAxes, highest: float) -> None:
+def style_polar(axes: PolarAxes, highest: float, unit: str = "Ns") -> None:
     """Forward up, rings with their numbers, words for the main directions."""
     axes.set_theta_zero_location("N")
     ring = _ring_step(max(highest, 1e-3))
@@ -95,7 +95,9 @@ def style_polar(axes: PolarAxes, highest: float) -> None:
     axes.set_rgrids(rings, [""] * len(rings))
     for impulse in rings:
         # Backward right is where the curves leave most room for numbers.
-        label = axes.text(np.radians(202.5), impulse, f"{impulse:g} Ns", color=GREY, size=10, ha="center", va="center")
+        label = axes.text(
+            np.radians(202.5), impulse, f"{impulse:g} {unit}", color=GREY, size=10, ha="center", va="center"
+        )
         label.set(zorder=5, path_effects=[withStroke(linewidth=3, foreground="white")])
     words = ["forward", "", "left", "", "backward", "", "right", ""]
     axes.set_thetagrids(range(0, 360, 45), words, fontsize=13, fontweight="bold")

@@ -52,14 +52,16 @@ def polar_map(
     path: str | Path,
     title: str = "Rejected impulse by direction",
     paper: Mapping[str, Sequence[Point]] | None = None,
+    unit: str = "Ns",
 ) -> None:
     """Draw the rejected impulse by direction of push, forward up and left at the left.
 
     Args:
         thresholds: a closed curve per policy.
-        bound: the capture-point bound, equation (6) of the paper.
+        bound: the capture-point bound, equation (6) of the paper; none if it is empty.
         path: of the picture, .png, .svg or .pdf.
         title: above the plot.
+        unit: of the impulses.
         paper: the paper's numbers, as hollow marks in the colour of the policy whose name begins alike.
 
     Raises:
@@ -75,7 +77,8 @@ def polar_map(
         figure.set_layout_engine("none")
         axes = figure.add_axes((0.12, 0.16, 0.76, 0.7), projection="polar")
         assert isinstance(axes, PolarAxes)
-        draw_bound(axes, bound)
+        if bound:
+            draw_bound(axes, bound)
         for name, points in thresholds.items():
             _draw_closed(axes, points, color_of(name, names), _MARKERS[names.index(name) % len(_MARKERS)], name)
         for name, points in paper.items():
@@ -83,7 +86,7 @@ def polar_map(
         if paper:
             axes.plot([], [], **_hollow(GREY), label="the paper")
         highest = max(ns for points in [bound, *thresholds.values(), *paper.values()] for _, ns in points)
-        style_polar(axes, highest)
+        style_polar(axes, highest, unit)
         figure.suptitle(title, y=0.975, fontsize=15, fontweight="bold")
         figure.legend(loc="lower center", bbox_to_anchor=(0.5, 0.01), ncols=3)
 
