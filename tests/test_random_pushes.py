@@ -339,3 +339,38 @@ def test_an_unknown_body_is_answered_with_the_known_ones(robot: Robot) -> None:
         random_pushes(robot, 1, bodies=("root", "knee"))
     valid = "pelvis, torso, left_thigh, right_thigh, left_shank, right_shank"
     assert str(error.value) == f"unknown body 'knee' of valkyrie; valid: {valid}"
+
+
+def test_impulses_are_scaled_by_the_body_that_is_pushed(robot: Robot) -> None:
+    _, pushes = random_pushes(robot, 400, bodies=("root", "torso"), impulse=(50.0, 50.0), body_scale=(1.0, 0.6))
+    magnitude = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
+    np.testing.assert_allclose(magnitude[pushes.body == robot.body_id("root")], 50.0)
+    np.testing.assert_allclose(magnitude[pushes.body == robot.body_id("torso")], 30.0)
+
+
+def test_pushes_can_be_mostly_forward_and_backward(robot: Robot) -> None:
+    n = 8000
+    _, pushes = random_pushes(robot, n, sagittal=0.3)
+    angle = np.arctan2(pushes.force[:, 1], pushes.force[:, 0])
+    # Angles a = u - 0.3 sin(2 u) of a uniform u. Within 15 degrees of forward |u| < 0.545: u - 0.3 sin(2 u) = 0.262
+    # there, so that 2 x 2 x 0.545 / (2 pi) = 0.347 of them go forward or backward; without it 1 / 6.
+    share = np.mean(np.abs(np.sin(angle)) < np.sin(np.radians(15.0)))
+    assert share == pytest.approx(0.347, abs=4 * np.sqrt(0.347 * 0.653 / n))
+    assert abs(np.mean(np.cos(angle))) < 0.04  # forward as often as backward
+
+
+def test_a_share_of_the_pushes_is_hard(robot: Robot) -> None:
+    n = 4000
+    _, pushes = random_pushes(robot, n, impulse=(0.0, 100.0), survival_target=0.5, hard_share=0.6)
+    magnitude = np.linalg.norm(pushes.force, axis=1) * PUSH_DURATION
+    # Hard ones lie above 70 Ns, as do 0.3 of the others: 0.6 + 0.4 x 0.3 = 0.72.
+    assert np.mean(magnitude > 70.0) == pytest.approx(0.72, abs=4 * np.sqrt(0.72 * 0.28 / n))
+    assert magnitude.max() < 100.0
+
+
+def test_advance_tells_who_has_survived(robot: Robot) -> None:
+    random, pushes = random_pushes(robot, 3, first=(1.0, 1.0))
+    assert random.advance(np.zeros(3, np.int64)).tolist() == []
+    pushes.start[1] = 10_000
+    # Pushes begin at 1 s; 2 s later, less the policy step in which the next one is drawn, they are survived.
+    assert random.advance(np.full(3, 1500)).tolist() == [0, 2]

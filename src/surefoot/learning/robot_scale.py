@@ -44,6 +44,8 @@ def for_robot(config: TrainConfig, name: str) -> TrainConfig:
         sway_weight=_weighed(env.sway_weight, speed),
         step_penalty_fade=env.step_penalty_fade and _scaled(env.step_penalty_fade, mass),
         step_penalty_waiver_s=round(time * env.step_penalty_waiver_s, _DIGITS),
+        foot_shift_limit=_maybe(env.foot_shift_limit, length),
+        foot_shift_impulse=_maybe(env.foot_shift_impulse, mass),
         disturbance=_disturbance(env, mass, time),
     )
     return dataclasses.replace(config, env=changed, mirror=config.mirror and robot.is_symmetric)

@@ -114,10 +114,10 @@ class ControlLoop:
         """The filtered observation at the end of each robot's last policy step: (num_robots, 47) float64."""
         return self.observe(slice(None))
 
-    def observe(self, rows: np.ndarray | slice) -> np.ndarray:
-        """The same of some robots only."""
+    def observe(self, rows: np.ndarray | slice, with_errors: bool = True) -> np.ndarray:
+        """The same of some robots only, or as they would observe it without their sensors' errors."""
         vector = observation.from_blocks(self._filter.output[rows], self.robot)
-        return vector + self._errors.output[rows] if self.imperfect.any() else vector
+        return vector + self._errors.output[rows] if with_errors and self.imperfect.any() else vector
 
     def reset(self, ids: np.ndarray, joint_position: np.ndarray, **stance: np.ndarray | float) -> StepRecord:
         """Put perfect robots `ids` (n,) at rest and without a push, and let the agent forget them.

@@ -10,13 +10,15 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from surefoot.rates import CONTROL_HZ, POLICY_HZ
+from surefoot.physics.rotations import horizontal
+from surefoot.rates import CONTROL_DT, CONTROL_HZ, POLICY_HZ
 from surefoot.robots import load_robot
 from surefoot.task import observation, reward
 from surefoot.task.control_loop import ControlLoop
+from surefoot.task.early_ends import EarlyEnds
 from surefoot.task.imperfections import Imperfections
 from surefoot.task.privileged import PrivilegedObservation
-from surefoot.task.random_pushes import DisturbanceConfig, RandomPushes
+from surefoot.task.random_pushes import PUSH, DisturbanceConfig, RandomPushes
 
 NUM_STARTS = 512
 """A batch of at least an eighth as many robots draws its starts on the floor from so many poses that stand already,
@@ -51,6 +53,11 @@ class EnvConfig:
             [Ns], fade linearly within it, and are waived above it. Without a range they are always charged.
         step_penalty_waiver_s: the step penalties fade only for this time after a push, or after a drop, for which they
             are waived [s]. A robot with noise never pays for foot travel.
+        foot_shift_limit: an episode ends when the centre of a sole is farther than this from its place [m], which is
+            where it was when the last push had been survived. Without it a robot may step.
+        foot_shift_impulse: a robot may also step after a push with a larger impulse than this [Ns], or after a drop.
+        joint_speed_limit: an episode ends when a joint's speed, as a mean over 10 ms, exceeds this share of its limit.
+        speed_end_probability: probability of that in a policy step, over the share of the training done; 1 without it.
         noise_share: share of the episodes with noise. Its size is uniform between none and the two deviations below.
         observation_noise, action_noise: largest standard deviations, see `Imperfections`.
         disturbance: the pushes.
@@ -74,6 +81,10 @@ class EnvConfig:
     posture_weight: Schedule = ((0.0, 0.0),)
     step_penalty_fade: tuple[float, float] | None = None
     step_penalty_waiver_s: float = 3.0
+    foot_shift_limit: float | None = None
+    foot_shift_impulse: float | None = None
+    joint_speed_limit: float | None = None
+    speed_end_probability: Schedule | None = None
     noise_share: float = 0.0
     observation_noise: float = 0.0
     action_noise: float = 0.0
@@ -105,7 +116,8 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
 
     Observation: (N, 47) float32, `observation.component_names`. Action: (N, 11) in [-1, 1], joint targets as the
     nominal pose plus `action_scale` times the action, clipped to the joint ranges. An episode terminates when
-    anything but a foot touches the ground (or its numbers become non-finite), and is truncated at `episode_s`.
+    anything but a foot touches the ground (or its numbers become non-finite, or it does what the configuration
+    forbids), and is truncated at `episode_s`.
     A robot whose episode ends starts the next one in the same step; its last observation is `final_obs` of the info.
 
     Args:
@@ -143,6 +155,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self._pays_posture = np.ones(num_envs, bool)
         self._heading = np.ones(num_envs, complex)
         self._noise = np.zeros(num_envs)
+        self._early_ends = EarlyEnds(self.robot, num_envs, config.foot_shift_limit, config.joint_speed_limit)
         self._privileged = PrivilegedObservation(self.robot, self.loop.nominal)
         self.set_progress(0.0)
         self._seed(None)
@@ -159,6 +172,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.foot_travel_weight = _at(progress, self.config.foot_travel_weight)
         self.sway_weight = _at(progress, self.config.sway_weight)
         self.posture_weight = _at(progress, self.config.posture_weight)
+        self.speed_end_probability = _at(progress, self.config.speed_end_probability or ((0.0, 1.0),))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -171,12 +185,15 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance every robot by one policy step: act, simulate, reward, observe."""
-        self.random_pushes.advance(self.loop.tick)
+        survived = self.random_pushes.advance(self.loop.tick)
         record = self.loop.step(actions)
         rewards, self.reward_means = reward.step_reward(record, self._reward_context(), self._terms)
         self._heading = record.heading[:, -1].copy()
         observations = self.loop.observation.astype(np.float32)
         terminated = record.non_foot_contact.any(axis=1) | self.loop.engine.diverged
+        terminated |= self._early_ends.stepped(record, survived) & ~self._may_step()
+        fast = np.flatnonzero(self._early_ends.too_fast(record))
+        terminated[fast] |= self.generator.random(len(fast)) < self.speed_end_probability
         truncated = (self.loop.tick >= self.max_ticks) & ~terminated
         info: dict[str, Any] = {}
         done = terminated | truncated
@@ -200,6 +217,23 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         pushes = self._privileged.next_push(loop.pushes, loop.tick, self._heading)
         return np.column_stack([pushes, self.step_penalty_share(), self._pays_posture, self._noise])
 
+    def felt_push(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return what each robot has felt of its last push until now.
+
+        Returns:
+            body: index into the robot's `body_names` (N,).
+            impulse: in the heading frame as complex numbers x + iy (N,) [Ns]; 0 before the push.
+        """
+        pushes = self.loop.pushes
+        begun = np.clip(self.loop.tick - pushes.start[:, PUSH], 0, pushes.end[:, PUSH] - pushes.start[:, PUSH])
+        force = horizontal(pushes.force[:, PUSH]) * self._heading.conj()
+        return pushes.body[:, PUSH], force * begun * CONTROL_DT
+
+    @property
+    def was_dropped(self) -> np.ndarray:
+        """Whose episode began in the air: (N,)."""
+        return self._dropped
+
     def step_penalty_share(self) -> np.ndarray:
         """Share of the penalties of foot travel and sway that each robot pays after its last push: (N,)."""
         has_penalties = self.foot_travel_weight or self.sway_weight or self.posture_weight
@@ -210,6 +244,13 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         waived[self._dropped & (impulse == 0.0)] = 1.0
         waived[since > self.config.step_penalty_waiver_s * CONTROL_HZ] = 0.0
         return 1.0 - waived
+
+    def _may_step(self) -> np.ndarray:
+        """Tell who may step now, if stepping ends an episode at all: (N,)."""
+        if self.config.foot_shift_impulse is None:
+            return np.zeros(self.num_envs, bool)
+        impulse, _ = self.random_pushes.latest(self.loop.tick)
+        return (impulse > self.config.foot_shift_impulse) | (self._dropped & (impulse == 0.0))
 
     def _reward_context(self) -> reward.RewardContext:
         share = self.step_penalty_share()
@@ -246,6 +287,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self._pays_posture[ids] = True
         self._heading[ids] = 1.0
         self._noise[ids] = 0.0
+        self._early_ends.reset(ids)
         if config.noise_share:
             self._add_noise(ids[rng.random(n) < config.noise_share])
         self.random_pushes.reset(ids)

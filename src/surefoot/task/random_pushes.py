@@ -22,12 +22,17 @@ class DisturbanceConfig:
     Attributes:
         bodies: who is pushed, one drawn per push.
         impulse: range [Ns], uniform.
+        body_scale: for each of the bodies, what every impulse is multiplied by; 1 without it.
+        sagittal: how much more often pushes go forward and backward than to the sides, 0 to 0.5 without the 0.5: their
+            density over the angle is proportional to 1 / (1 - 2 sagittal cos(2 angle)).
         first: range of the first push's start [s], uniform.
         interval: range of the time from one push to the next [s], uniform.
         duration: [s].
         survival_target: if given, each direction has a ceiling of its own. It begins at the range's upper end, rises
             while a larger share of the hard pushes is survived than this, and falls while a smaller one is.
         max_impulse: the ceilings' largest value [Ns].
+        hard_share: share of the pushes whose impulse is hard: close to the ceiling of the direction, see
+            `RandomPushes.HARD`.
         lift: range of a push upwards at the root that comes first in some cases [Ns], uniform.
         lift_share: in this share of the pushes; the other one is then half as large as it was drawn.
         lift_gap: time from the push upwards to the other [s].
@@ -39,11 +44,14 @@ class DisturbanceConfig:
 
     bodies: tuple[str, ...] = ("root",)
     impulse: tuple[float, float] = (26.5, 106.0)
+    body_scale: tuple[float, ...] | None = None
+    sagittal: float = 0.0
     first: tuple[float, float] = (1.0, 1.0)
     interval: tuple[float, float] = (5.0, 5.0)
     duration: float = PUSH_DURATION
     survival_target: float | None = None
     max_impulse: float = 600.0
+    hard_share: float = 0.0
     lift: tuple[float, float] = (0.0, 0.0)
     lift_share: float = 0.0
     lift_gap: float = 0.24
@@ -79,6 +87,9 @@ class RandomPushes:
         self.ceiling = np.full(NUM_SECTORS, config.impulse[1])
         self._body_ids = np.array([pushes.robot.body_id(body) for body in config.bodies])
         self._step = self.STEP * pushes.robot.mass_scale
+        self._body_scale = np.ones(len(pushes.robot.body_names))
+        if config.body_scale:
+            self._body_scale[self._body_ids] = config.body_scale
         num_robots = len(pushes.start)
         self._sector = np.zeros(num_robots, np.int64)
         self._impulse = np.zeros(num_robots)
@@ -102,13 +113,18 @@ class RandomPushes:
         self._latest_start[ids] = 0
         self._draw(ids, np.zeros(len(ids), np.int64), self.config.first)
 
-    def advance(self, tick: np.ndarray) -> None:
-        """Draw the next push of every robot that has survived its last one; `tick` (N,) since its reset."""
+    def advance(self, tick: np.ndarray) -> np.ndarray:
+        """Draw the next push of every robot that has survived its last one; `tick` (N,) since its reset.
+
+        Returns:
+            The robots that have (n,).
+        """
         over = np.flatnonzero(self._start + self._survived_ticks <= tick)
         if len(over):
             self._move_ceiling(over, survived=True)
             self._count_falls(over, fell=False)
             self._draw(over, self._start[over], self.config.interval)
+        return over
 
     def latest(self, tick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The push that began last, before `tick` (N,) since each robot's reset.
@@ -144,8 +160,12 @@ class RandomPushes:
         n = len(ids)
         start = since + np.rint(self.rng.uniform(*wait, n) / CONTROL_DT).astype(np.int64)
         angle = self.rng.uniform(0.0, 2.0 * np.pi, n)
+        angle = (angle - self.config.sagittal * np.sin(2.0 * angle)) % (2.0 * np.pi)
         self._sector[ids] = to_sector(angle)
         size = self.rng.uniform(self.config.impulse[0], self.ceiling[self._sector[ids]])
+        if self.config.hard_share:
+            hard = self.rng.random(n) < self.config.hard_share
+            size[hard] = self.ceiling[self._sector[ids[hard]]] * self.rng.uniform(self.HARD, 1.0, hard.sum())
         body = self._body_ids[self.rng.integers(len(self._body_ids), size=n)]
         if self.config.small_share:
             small = self.rng.random(n) < self.config.small_share
@@ -157,7 +177,7 @@ class RandomPushes:
             self._sector[ids] = to_sector(angle)
         self._impulse[ids], self._angle[ids] = size, angle
         impulse = np.zeros((n, 3))
-        horizontal(impulse)[:] = size * np.exp(1j * angle)
+        horizontal(impulse)[:] = self._body_scale[body] * size * np.exp(1j * angle)
         if self.config.lift_share:
             lifted = self._lift(ids, start)
             start += lifted * round(self.config.lift_gap / CONTROL_DT)
