@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from surefoot.errors import UserError
-from surefoot.learning.config import HALF_LIFE_GAMMA, TrainConfig
+from surefoot.learning.config import DAGGER, HALF_LIFE_GAMMA, TrainConfig
 from surefoot.learning.preset_file import ALGORITHMS, old_stage, preset, stage_files
 from surefoot.task.environment import EnvConfig
 from surefoot.task.random_pushes import DisturbanceConfig
@@ -22,6 +22,7 @@ BEFORE = json.loads((Path(__file__).parent / "data" / "presets-0.1.json").read_t
 NAMES = [
     *((name, algorithm) for name in ("paper", "fast") for algorithm in ALGORITHMS),
     *((f"complete/{stage}", algorithm) for algorithm in ALGORITHMS for stage in stage_files("complete", algorithm)),
+    *((f"best/{stage}", "ddpg") for stage in stage_files("best", "ddpg")),
 ]
 
 
@@ -63,6 +64,11 @@ def test_the_stages_are_in_order() -> None:
     assert list(stage_files("complete", "ppo")) == ["pushes", "standing", "harder-pushes"]
     assert list(stage_files("complete", "ddpg")) == ["pushes", "standing", "everything"]
     assert stage_files("fast", "ddpg") == {}
+    # The stages of `best` have their own algorithms.
+    for algorithm in ALGORITHMS:
+        assert list(stage_files("best", algorithm)) == ["no-step", "student"]
+        assert preset("best/no-step", algorithm).algorithm == "trpo"
+        assert preset("best/student", algorithm).algorithm == DAGGER
 
 
 @pytest.mark.parametrize("file", [*SHIPPED.glob("*.toml"), *SHIPPED.glob("*/*.toml")], ids=lambda file: file.stem)
@@ -71,10 +77,10 @@ def test_every_value_of_a_preset_is_written_out(file: Traversable) -> None:
     told_by_python = {"algorithm", "preset", "seed", "extra_terms"}
     of_ddpg, of_others = {"noise", "noise_correlation"}, {"log_std"}
     tables = tomllib.loads(file.read_text())
-    assert list(tables) == [algorithm for algorithm in ALGORITHMS if algorithm in tables]
+    assert list(tables) == [algorithm for algorithm in (*ALGORITHMS, DAGGER) if algorithm in tables]
     for algorithm, table in tables.items():
         config = TrainConfig.from_values({**table, "algorithm": algorithm})
-        unused = of_others if algorithm == "ddpg" else of_ddpg
+        unused = of_others if algorithm in ("ddpg", DAGGER) else of_ddpg
         for values, known in ((table, config), (table["env"], config.env)):
             fields = {field.name for field in dataclasses.fields(known)} - told_by_python - unused
             assert set(values) == {name for name in fields if getattr(known, name) is not None}
@@ -87,7 +93,7 @@ def test_every_value_of_a_preset_is_written_out(file: Traversable) -> None:
 def test_unknown_names_are_named_with_the_valid_ones() -> None:
     with pytest.raises(UserError, match="unknown algorithm 'sac'; valid: trpo, ppo, ddpg"):
         preset("fast", "sac")
-    with pytest.raises(UserError, match=r"unknown preset 'slow'; valid: paper, fast, complete, or a \.toml file"):
+    with pytest.raises(UserError, match=r"unknown preset 'slow'; valid: paper, fast, complete, best, or a \.toml file"):
         preset("slow", "ppo")
     stages = "valid for trpo: complete/pushes, complete/standing"
     for name in ("complete", "complete/everything"):

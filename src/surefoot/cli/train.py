@@ -25,18 +25,19 @@ class Train:
     """Learn a policy. Ctrl-C stops a run; --resume takes it up again."""
 
     algorithm: str = "ddpg"
-    """trpo, ppo or ddpg."""
+    """trpo, ppo or ddpg; the stages of the preset `best` have their own."""
     preset: str = "fast"
     """fast (minutes on a laptop), complete (hours: curriculum stages one after the other, up to the shipped policies),
-    paper (the paper's hyperparameters, pose and pushes), or a TOML file of your own."""
+    best (hours: a specialist that does not step, then a student of several policies), paper (the paper's
+    hyperparameters, pose and pushes), or a TOML file of your own."""
     robot: str = ""
     """The robot that learns: a shipped robot's name, or a description (.toml, docs/your-robot.md); the preset's without
     it. The preset's pushes, heights, times and penalties are scaled by its mass and the length of its legs."""
     stage: str | None = None
-    """Learn this stage of the preset `complete` alone, after the stage before it or --warm-start, with which it is the
-    last one by default; a wrong name is answered with the valid ones."""
+    """Learn this stage of the preset `complete` or `best` alone, after the stage before it or --warm-start, with which
+    it is the last one by default; a wrong name is answered with the valid ones."""
     run: Path | None = None
-    """Folder of the run; runs/PRESET-ALGORITHM-SEED without it."""
+    """Folder of the run; runs/PRESET-ALGORITHM-SEED (runs/best-SEED) without it."""
     minutes: float | None = None
     """Wall-clock budget, of each stage if there are several; the preset's without it."""
     steps: int | None = None

@@ -19,6 +19,9 @@ that is 13 policy steps, and gamma^13 = 0.5 gives gamma = 0.948, rounded to 0.95
 PAPER_LAYERS = (100, 50, 25)
 """Hidden layers of the paper's actor and critic."""
 
+DAGGER = "dagger"
+"""The algorithm of runs in which a student learns from other policies, see `Distiller`."""
+
 OLD_KEYS = {"foresight": "privileged_critic"}
 OLD_ENV_KEYS = {
     "power_knee": "power_log_scale",
@@ -36,7 +39,7 @@ class TrainConfig:
     """One training run.
 
     Attributes:
-        algorithm: "trpo", "ppo" or "ddpg".
+        algorithm: "trpo", "ppo" or "ddpg"; "dagger" for a student of other policies.
         env: the task.
         preset: name of the preset that this began as.
         seed: of everything random.
@@ -46,7 +49,8 @@ class TrainConfig:
         steps: budget in policy steps; the run ends with the first budget that is used up.
         num_envs: robots in the batch.
         actor, critic: sizes of the hidden layers.
-        hyper: keyword arguments of the algorithm in stable-baselines3.
+        past_observations, past_actions: what the actor is given of the last policy steps, see `Memory`.
+        hyper: keyword arguments of the algorithm in stable-baselines3, or those of `DistillConfig`.
         final_learning_rate: share of the learning rate left at the end; it falls linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
         noise: standard deviation of the exploration of the robot that explores least and of the one that explores
@@ -69,6 +73,8 @@ class TrainConfig:
     num_envs: int = 256
     actor: tuple[int, ...] = PAPER_LAYERS
     critic: tuple[int, ...] = PAPER_LAYERS
+    past_observations: int = 0
+    past_actions: int = 0
     hyper: dict[str, Any] = field(default_factory=dict)
     final_learning_rate: float = 1.0
     log_std: float = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -18,11 +18,18 @@ class KeptPolicies:
     Args:
         folder: of the run.
         best_score: of the best policy that it holds.
+        validate: looks at a policy.
     """
 
-    def __init__(self, folder: RunFolder, best_score: float = -np.inf):
+    def __init__(
+        self,
+        folder: RunFolder,
+        best_score: float = -np.inf,
+        validate: Callable[[NetworkAgent], Validation] = validate,
+    ):
         self.folder = folder
         self.best_score = best_score
+        self.validate = validate
 
     def add(self, data: bytes, row: Mapping[str, float], last_columns: Mapping[str, float]) -> Validation:
         """Validate a policy file, keep it, and add a row to the learning curve.
@@ -32,7 +39,7 @@ class KeptPolicies:
             row: the first columns of the learning curve, with "minutes".
             last_columns: what stands in the row behind the results of the validation.
         """
-        found = validate(NetworkAgent(data, "validated"))
+        found = self.validate(NetworkAgent(data, "validated"))
         # Version 0.1 had "probe" for "validation"; its readers still look for that.
         data = with_record(data, validation=found.record(), probe=found.record())
         self.folder.save_policy("last", data)

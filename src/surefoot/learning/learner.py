@@ -40,7 +40,7 @@ class Learner:
         # DDPG's gradients need a core of their own while the robots move.
         num_threads = max(1, (os.cpu_count() or 1) - 1) if config.algorithm == "ddpg" else 0
         self.env = PushRecoveryVectorEnv(config.num_envs, config.env, num_threads)
-        self.venv = SB3VecEnv(self.env, config.privileged_critic)
+        self.venv = SB3VecEnv(self.env, config.privileged_critic, config.past_observations, config.past_actions)
         self.rng = np.random.default_rng(config.seed)
         self.model = make_model(config, self.venv, self.rng, learning_rate)
         self.average = AveragedActor(actor_network(self.model), config.average_steps)
@@ -65,7 +65,9 @@ class Learner:
 
     def policy_bytes(self, record: dict[str, Any]) -> bytes:
         """Return the deterministic policy as a policy file with this training record."""
-        contract = Contract.of(self.env.robot, self.config.env.pose, self.config.env.action_scale, record)
+        config, env = self.config, self.config.env
+        past = config.past_observations, config.past_actions
+        contract = Contract.of(self.env.robot, env.pose, env.action_scale, record, *past)
         normalise = self.venv.normalise
         squash = isinstance(self.model, OffPolicyAlgorithm)
         return network_bytes(network_layers(self.average.kept), normalise.mean, normalise.std, squash, contract)

@@ -13,9 +13,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import BatchDDPG, ExplorationNoise, MirroredReplayBuffer
-from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, Mirror, with_privileged
+from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, with_privileged
 from surefoot.learning.sb3 import SB3VecEnv
-from surefoot.task import observation
 from surefoot.task.privileged import SIGNS
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": BatchDDPG}
@@ -44,7 +43,7 @@ def _on_policy(
     networks |= {
         "net_arch": {"pi": list(config.actor), "vf": list(config.critic)},
         "log_std_init": config.log_std,
-        "mirrors": _mirrors(venv) if config.mirror else None,
+        "mirrors": venv.normalise.mirrors if config.mirror else None,
     }
     return ALGORITHMS[config.algorithm](GaussianPolicy, venv, policy_kwargs=networks, **hyper)
 
@@ -58,7 +57,7 @@ def _off_policy(
         "optimizer_kwargs": {"fused": True},  # these networks are small: a loop over their weights costs more
     }
     if config.mirror:
-        for_observation, for_action = _mirrors(venv)
+        for_observation, for_action = venv.normalise.mirrors
         for_critic = with_privileged(for_observation) if config.privileged_critic else for_observation
         n_step_return = {"n_steps": hyper.pop("n_steps", 1), "gamma": hyper["gamma"]}
         hyper["replay_buffer_class"] = MirroredReplayBuffer
@@ -66,12 +65,6 @@ def _off_policy(
     shape = config.num_envs, venv.env.robot.num_joints
     hyper["action_noise"] = ExplorationNoise(shape, config.noise, config.noise_correlation, rng)
     return ALGORITHMS["ddpg"](DeterministicPolicy, venv, policy_kwargs=networks, **hyper)
-
-
-def _mirrors(venv: SB3VecEnv) -> tuple[Mirror, Mirror]:
-    """Return the mirrors of the observation and of the action."""
-    robot = venv.env.robot
-    return observation.mirror(robot), (robot.mirror_source, robot.mirror_sign)
 
 
 def limit_exploration(model: BaseAlgorithm, log_std: float, share: float) -> None:

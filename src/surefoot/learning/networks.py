@@ -69,8 +69,8 @@ class _TanhActorReluCritic(nn.Module):
         self, num_inputs: int, num_observed: int, num_actions: int, actor: Sequence[int], critic: Sequence[int]
     ):
         super().__init__()
-        self.policy_net: nn.Module = _mlp(num_observed, actor, num_actions, nn.Tanh)
-        self.value_net: nn.Module = _mlp(num_inputs, critic, 1, nn.ReLU)
+        self.policy_net: nn.Module = mlp(num_observed, actor, num_actions, nn.Tanh)
+        self.value_net: nn.Module = mlp(num_inputs, critic, 1, nn.ReLU)
         self.num_observed = num_observed
         self.latent_dim_pi, self.latent_dim_vf = num_actions, 1
 
@@ -172,7 +172,8 @@ def tensors(mirror: Mirror) -> tuple[torch.Tensor, torch.Tensor]:
     return torch.as_tensor(source), torch.as_tensor(sign, dtype=torch.float32)
 
 
-def _mlp(num_inputs: int, layers: Sequence[int], num_outputs: int, activation: type[nn.Module]) -> nn.Sequential:
+def mlp(num_inputs: int, layers: Sequence[int], num_outputs: int, activation: type[nn.Module]) -> nn.Sequential:
+    """Return a plain network with hidden layers of these sizes and a linear output."""
     sizes = [num_inputs, *layers]
     modules: list[nn.Module] = []
     for i, o in zip(sizes[:-1], sizes[1:], strict=True):

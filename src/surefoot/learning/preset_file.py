@@ -2,6 +2,7 @@
 
 A preset of several curriculum stages is a folder of such files, `NUMBER-STAGE.toml`. The stages of an algorithm are the
 files that have a table for it, in the order of their numbers; each stage begins with the networks of the one before.
+The stages of `best` are learned by different algorithms: each of its files has a single table, and all are stages.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from surefoot.task.environment import EnvConfig
 from surefoot.task.random_pushes import DisturbanceConfig
 
 ALGORITHMS = ("trpo", "ppo", "ddpg")
-PRESETS = ("paper", "fast", "complete")
+PRESETS = ("paper", "fast", "complete", "best")
 STAGED = "complete"
+MIXED = ("best",)
+"""Presets whose stages have an algorithm of their own each, whatever algorithm is asked for."""
 OLD_PRESETS = {"wide": 0, "steady": 1, "complete": -1}
 """Names of version 0.1 -> the stage of `complete`; to be dropped with version 0.3."""
 SUFFIX = ".toml"
@@ -35,7 +38,8 @@ def preset(name: str, algorithm: str) -> TrainConfig:
 
     Args:
         name: a shipped preset's, "PRESET/STAGE" for a stage of one, or a TOML file of your own.
-        algorithm: "trpo", "ppo" or "ddpg".
+        algorithm: "trpo", "ppo" or "ddpg"; it is of no account for the stages of `best`. A file of your own may have a
+            table for "dagger", too.
 
     Raises:
         UserError: there is no such preset, stage or algorithm, or a key of the file is wrong.
@@ -51,7 +55,7 @@ def preset(name: str, algorithm: str) -> TrainConfig:
         raise UserError(f"unknown preset '{name}'; valid: {', '.join(PRESETS)}, or a {SUFFIX} file")
     stages = stage_files(head, algorithm)
     if stage in stages:
-        return _read(stages[stage], algorithm, f"{head}/{stage}")
+        return _read(stages[stage], None if head in MIXED else algorithm, f"{head}/{stage}")
     if stage or stages:
         valid = ", ".join(f"{head}/{each}" for each in stages) or f"none, '{head}' is a preset without stages"
         raise UserError(f"'{name}' is not one stage of a preset; valid for {algorithm}: {valid}")
@@ -69,7 +73,7 @@ def stage_files(name: str, algorithm: str) -> dict[str, Traversable]:
     if name not in PRESETS or not folder.is_dir():
         return {}
     files = sorted((file for file in folder.iterdir() if file.name.endswith(SUFFIX)), key=lambda file: file.name)
-    having = [file for file in files if algorithm in tomllib.loads(file.read_text())]
+    having = [file for file in files if name in MIXED or algorithm in tomllib.loads(file.read_text())]
     return {file.name.removesuffix(SUFFIX).partition("-")[2]: file for file in having}
 
 
@@ -89,14 +93,16 @@ def _folder() -> Traversable:
     return importlib.resources.files("surefoot") / "learning" / "presets"
 
 
-def _read(file: Traversable, algorithm: str, name: str) -> TrainConfig:
-    """Return the configuration of an algorithm's table of a file."""
+def _read(file: Traversable, algorithm: str | None, name: str) -> TrainConfig:
+    """Return the configuration of an algorithm's table of a file, or of its only one."""
     try:
         tables = tomllib.loads(file.read_text())
     except OSError as error:
         raise UserError(f"cannot read preset {file}: {error.strerror or error}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UserError(f"{file} is not a TOML file: {error}") from error
+    if algorithm is None:
+        (algorithm,) = tables
     if algorithm not in tables:
         raise UserError(f"the preset '{name}' has no table for '{algorithm}'; it has: {', '.join(tables)}")
     table = tables[algorithm]

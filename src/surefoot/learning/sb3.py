@@ -10,32 +10,50 @@ import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
+from surefoot.learning.networks import Mirror
 from surefoot.task import observation
 from surefoot.task.environment import PushRecoveryVectorEnv
+from surefoot.task.memory import Memory
 from surefoot.task.privileged import SIGNS
 
 
 class Normalisation:
-    """Observations as a network sees them: (observation - mean) / std.
+    """Inputs as a network sees them: (inputs - mean) / std.
 
     The mean is the observation of the nominal pose, made left-right symmetric, and the std the table's scales:
-    constants, so that no replayed or stored transition goes stale.
+    constants, so that no replayed or stored transition goes stale. Past actions are taken as they are.
 
     Args:
         env: whose robots are observed.
+        past_observations, past_actions: how many of them are inputs, too.
+
+    Attributes:
+        mean, std: of the inputs (num_inputs,).
+        mirrors: of the inputs, see `observation.mirror`, and of the action.
     """
 
-    def __init__(self, env: PushRecoveryVectorEnv):
+    def __init__(self, env: PushRecoveryVectorEnv, past_observations: int = 0, past_actions: int = 0):
         loop = env.loop
         start = loop.reset(np.array([0]), loop.nominal[None])
         standing = observation.observe(start)[0, 0]
         source, sign = observation.mirror(env.robot)
-        self.mean = 0.5 * (standing + sign * standing[source])
-        self.std = observation.scales(env.robot)
+        past = np.zeros(past_actions * env.robot.num_joints)
+        self.mean = np.append(np.tile(0.5 * (standing + sign * standing[source]), 1 + past_observations), past)
+        self.std = np.append(np.tile(observation.scales(env.robot), 1 + past_observations), np.ones_like(past))
+        for_action = env.robot.mirror_source, env.robot.mirror_sign
+        self.mirrors = _joined([(source, sign)] * (1 + past_observations) + [for_action] * past_actions), for_action
 
-    def __call__(self, observations: np.ndarray) -> np.ndarray:
-        """Return normalised observations (n, 47), float32."""
-        return ((observations - self.mean) / self.std).astype(np.float32)
+    def __call__(self, inputs: np.ndarray) -> np.ndarray:
+        """Return normalised inputs (n, num_inputs), float32."""
+        return ((inputs - self.mean) / self.std).astype(np.float32)
+
+
+def _joined(mirrors: list[Mirror]) -> Mirror:
+    """Return the mirror of several vectors one after the other."""
+    sizes = [len(source) for source, _ in mirrors]
+    begins = np.cumsum([0, *sizes[:-1]])
+    sources = [begin + source for begin, (source, _) in zip(begins, mirrors, strict=True)]
+    return np.concatenate(sources), np.concatenate([sign for _, sign in mirrors])
 
 
 class SB3VecEnv(VecEnv):
@@ -44,20 +62,33 @@ class SB3VecEnv(VecEnv):
     Args:
         env: whose robots are to be used.
         privileged: append the privileged observation to every observation, for the critic.
+        past_observations, past_actions: what the networks are given of the last policy steps.
 
     Attributes:
+        normalise: what the networks are given.
         meanwhile: if set, what the learner does while the robots move.
     """
 
-    def __init__(self, env: PushRecoveryVectorEnv, privileged: bool = False):
+    def __init__(
+        self,
+        env: PushRecoveryVectorEnv,
+        privileged: bool = False,
+        past_observations: int = 0,
+        past_actions: int = 0,
+    ):
         self.meanwhile: Callable[[], None] | None = None
         self.privileged = privileged
         self._mover = ThreadPoolExecutor(1)
         self.env = env  # SB3's constructor asks it for its render mode
         (num_observed,) = env.single_observation_space.shape or (0,)
-        space = gym.spaces.Box(-np.inf, np.inf, (num_observed + privileged * len(SIGNS),), np.float32)
+        self.normalise = Normalisation(env, past_observations, past_actions)
+        size = len(self.normalise.mean) + privileged * len(SIGNS)
+        space = gym.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         super().__init__(env.num_envs, space, env.single_action_space)
-        self.normalise = Normalisation(env)
+        self._memory = Memory(past_observations, past_actions, num_observed, env.robot.num_joints)
+        self._memory.prepare(env.num_envs)
+        self._everyone = np.arange(env.num_envs)
+        self._observations = np.zeros((env.num_envs, num_observed))
         self._no_info: dict[str, Any] = {}
         self._return = np.zeros(env.num_envs)
         self._length = np.zeros(env.num_envs, np.int64)
@@ -68,10 +99,12 @@ class SB3VecEnv(VecEnv):
         self._reset_seeds()
         self._return[:] = 0.0
         self._length[:] = 0
-        return self._seen(observations, self.env.privileged_observation())
+        self._memory.reset(self._everyone)
+        return self._seen(observations)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Take the actions (num_envs, num_joints) of the next policy step; the robots move while `meanwhile` runs."""
+        self._memory.add(self._observations, actions, self._everyone)
         if self.meanwhile:
             self._moving = self._mover.submit(self.env.step, actions)
         else:
@@ -90,7 +123,8 @@ class SB3VecEnv(VecEnv):
         infos = [self._no_info] * self.num_envs
         ended = np.flatnonzero(done)
         if len(ended):
-            final = self._seen(info["final_obs"][ended], info["final_privileged"][ended])
+            seen = self._memory.inputs(info["final_obs"][ended], ended)
+            final = self._normalised(seen, info["final_privileged"][ended])
             for i, last in zip(ended, final, strict=True):
                 infos[i] = {
                     "episode": {"r": self._return[i], "l": int(self._length[i])},
@@ -99,11 +133,17 @@ class SB3VecEnv(VecEnv):
                 }
             self._return[ended] = 0.0
             self._length[ended] = 0
-        return self._seen(observations, self.env.privileged_observation()), rewards.astype(np.float32), done, infos
+            self._memory.reset(ended)
+        return self._seen(observations), rewards.astype(np.float32), done, infos
 
-    def _seen(self, observations: np.ndarray, privileged: np.ndarray) -> np.ndarray:
-        """Return what the networks see of observations (n, 47) and privileged observations (n, 12) of n robots."""
-        seen = self.normalise(observations)
+    def _seen(self, observations: np.ndarray) -> np.ndarray:
+        """Return what the networks are given after observations (num_envs, 47) of all robots."""
+        self._observations = observations
+        return self._normalised(self._memory.inputs(observations, self._everyone), self.env.privileged_observation())
+
+    def _normalised(self, inputs: np.ndarray, privileged: np.ndarray) -> np.ndarray:
+        """Return what the networks see of inputs (n, num_inputs) and privileged observations (n, 12) of n robots."""
+        seen = self.normalise(inputs)
         return np.concatenate([seen, privileged], axis=1, dtype=np.float32) if self.privileged else seen
 
     def close(self) -> None:

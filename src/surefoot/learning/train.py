@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +13,14 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 from surefoot.agents.network import NetworkAgent
-from surefoot.learning.config import TrainConfig
+from surefoot.learning.config import DAGGER, TrainConfig
+from surefoot.learning.distill import Distiller
+from surefoot.learning.interrupt import deferred_interrupt
 from surefoot.learning.kept_policies import KeptPolicies
 from surefoot.learning.learner import Learner
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.schedule import Progress, Schedule
+from surefoot.learning.standing import validation_for
 from surefoot.learning.training_record import training_record
 from surefoot.learning.warm_start import Origin, begin_with, warm_start
 from surefoot.task.environment import PushRecoveryVectorEnv
@@ -67,7 +67,7 @@ class Trainer:
         self.interrupted = False
         self.schedule = Schedule(config)
         self.learner = Learner(config, self.schedule.learning_rate)
-        self.kept = KeptPolicies(folder)
+        self.kept = KeptPolicies(folder, validate=validation_for(config))
         self.origin = begin_with(self.learner, start) if start else Origin()
         if resume:
             self._restore()
@@ -90,7 +90,7 @@ class Trainer:
         """
         self.model.set_logger(configure(str(self.folder.path), ["tensorboard"]))
         self.schedule.start()
-        with _deferred_interrupt(self._stop):
+        with deferred_interrupt(self._stop):
             callback = _Callback(self)
             self.model.learn(_FOREVER, callback=callback, log_interval=_FOREVER, reset_num_timesteps=False)
         self.model.logger.close()
@@ -204,7 +204,7 @@ def train(
     resume: bool = False,
     on_progress: OnProgress | None = None,
     start: str | Path | None = None,
-) -> Trainer:
+) -> Trainer | Distiller:
     """Run a training to its end, in a new folder or from the checkpoint of an old one.
 
     Args:
@@ -212,7 +212,8 @@ def train(
         path: of the run folder.
         resume: go on from the folder's checkpoint.
         on_progress: called a few times a second.
-        start: a run folder whose networks a new run begins with, or a policy (a shipped one's name or a file).
+        start: a run folder whose networks a new run begins with, or a policy (a shipped one's name or a file). A
+            student begins with another student only: runs of other algorithms are its teachers.
 
     Raises:
         UserError: a folder or policy is not fit for it.
@@ -220,24 +221,11 @@ def train(
     """
     begins_with = warm_start(config, start) if start else None
     folder = RunFolder(path) if resume else RunFolder.create(path, config)
-    trainer = Trainer(config, folder, resume, on_progress, begins_with)
+    trainer: Trainer | Distiller
+    if config.algorithm == DAGGER:
+        assert not isinstance(begins_with, RunFolder)
+        trainer = Distiller(config, folder, resume, on_progress, begins_with)
+    else:
+        trainer = Trainer(config, folder, resume, on_progress, begins_with)
     trainer.run()
     return trainer
-
-
-@contextlib.contextmanager
-def _deferred_interrupt(stop: Callable[[], None]) -> Iterator[None]:
-    """Let the first Ctrl-C only ask for a stop, so that no update or file is cut in two."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def handle(number: int, frame: object) -> None:
-        signal.signal(signal.SIGINT, before)
-        stop()
-
-    before = signal.signal(signal.SIGINT, handle)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

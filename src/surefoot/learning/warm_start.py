@@ -10,7 +10,7 @@ from typing import Any
 from surefoot.agents.load import load_policy
 from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError
-from surefoot.learning.config import TrainConfig
+from surefoot.learning.config import DAGGER, TrainConfig
 from surefoot.learning.learner import Learner
 from surefoot.learning.run_folder import RunFolder
 from surefoot.robots import load_robot
@@ -45,8 +45,8 @@ class Origin:
         return self.record.get("minutes", 0.0)
 
 
-def warm_start(config: TrainConfig, source: str | Path) -> RunFolder | NetworkAgent:
-    """Return what a run is to begin with, if it fits.
+def warm_start(config: TrainConfig, source: str | Path) -> RunFolder | NetworkAgent | None:
+    """Return what a run is to begin with, if it fits; None for a student after a run of another algorithm.
 
     Args:
         config: of the new run.
@@ -57,11 +57,12 @@ def warm_start(config: TrainConfig, source: str | Path) -> RunFolder | NetworkAg
     """
     if Path(source).is_dir():
         folder = RunFolder(source)
+        algorithms = folder.config().algorithm, config.algorithm
+        if DAGGER in algorithms:
+            return _policy(config, source) if algorithms[0] == DAGGER else None
         _check_run(config, folder.config(), folder.path)
         return folder
-    policy = load_policy(source)
-    _check_policy(config, policy, source)
-    return policy
+    return _policy(config, source)
 
 
 def begin_with(learner: Learner, source: RunFolder | NetworkAgent) -> Origin:
@@ -83,17 +84,27 @@ def _begin_with_run(learner: Learner, folder: RunFolder) -> Origin:
 
 
 def _begin_with_policy(learner: Learner, policy: NetworkAgent) -> Origin:
+    origin = origin_of(policy)
+    learner.take_policy(policy, origin.num_steps)
+    return dataclasses.replace(origin, held_until=origin.num_steps + CRITIC_FIRST_STEPS)
+
+
+def origin_of(policy: NetworkAgent) -> Origin:
+    """Return what a run that begins with a policy says of it."""
     known = policy.contract.training
-    record = {key: known[key] for key in (*_RECORDED, "after") if key in known}
-    num_steps = record.get("policy_steps", 0)
-    learner.take_policy(policy, num_steps)
-    return Origin(record, num_steps + CRITIC_FIRST_STEPS)
+    return Origin({key: known[key] for key in (*_RECORDED, "after") if key in known})
+
+
+def _policy(config: TrainConfig, source: str | Path) -> NetworkAgent:
+    policy = load_policy(source)
+    _check_policy(config, policy, source)
+    return policy
 
 
 def _check_run(config: TrainConfig, before: TrainConfig, path: Path) -> None:
     if config.privileged_critic:  # a critic can be given the privileged observation later
         before = dataclasses.replace(before, privileged_critic=True)
-    for name in ("algorithm", "actor", "critic", "mirror", "privileged_critic"):
+    for name in ("algorithm", "actor", "critic", "mirror", "privileged_critic", "past_observations", "past_actions"):
         _check_same(path, name, getattr(before, name), getattr(config, name))
     for name in ("robot", "pose", "action_scale"):
         _check_same(path, name, getattr(before.env, name), getattr(config.env, name))
@@ -103,7 +114,11 @@ def _check_policy(config: TrainConfig, policy: NetworkAgent, source: str | Path)
     contract, env = policy.contract, config.env
     sides = 2 if config.mirror and config.algorithm != "ddpg" else 1  # a symmetric network is two side by side
     hidden = tuple(sides * width for width in config.actor)
-    _check_same(source, "algorithm", contract.training.get("algorithm"), config.algorithm)
+    algorithm = contract.training.get("algorithm")
+    if algorithm != DAGGER or config.algorithm == "ddpg":  # a student's network is like those of TRPO and PPO
+        _check_same(source, "algorithm", algorithm, config.algorithm)
+    for name in ("past_observations", "past_actions"):
+        _check_same(source, name, getattr(contract, name), getattr(config, name))
     _check_same(source, "hidden layers", policy.hidden, hidden)
     _check_same(source, "robot", contract.robot, env.robot)
     _check_same(source, "nominal pose", contract.nominal_pose, tuple(load_robot(env.robot).pose(env.pose).tolist()))

@@ -1,0 +1,211 @@
+"""Teachers: whom a student is to imitate, robot by robot, and what that teacher would do.
+
+Which teacher fits follows from what a robot has felt of its push so far, and not from how large the push will be: the
+same sensations then have the same label at every moment, and a push on its way across a border changes teachers as it
+grows. What cannot be seen must not decide, or two teachers' answers to the same observation would be averaged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from surefoot.agents.load import load_policy
+from surefoot.agents.network import NetworkAgent
+from surefoot.agents.policy_file import SUFFIX
+from surefoot.errors import UserError
+from surefoot.evaluation.protocol import protocol_for
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.learning.run_folder import RunFolder
+from surefoot.learning.standing import standing_thresholds
+from surefoot.rates import CONTROL_HZ
+from surefoot.task import observation
+from surefoot.task.environment import PushRecoveryVectorEnv
+
+HOME_S, HOME_SPEED = 1.0, 0.08
+"""A robot is at home again when this long has passed since its push began [s], its CoM is slower than this [m/s],"""
+HOME_SHIFT, HOME_BEND = 0.03, 0.2
+"""its feet stand to each other as at the start but for this [m], and its joints are not farther than this from the
+nominal pose, root mean square [rad]."""
+STEPPED_SHIFT = 0.06
+"""A robot whose feet stand to each other otherwise than at the start by more than this [m] has stepped."""
+SLOW_S, SLOW_SPEED = 1.0, 0.3
+"""This long after the beginning of its push [s], a robot whose CoM is slower than this [m/s] listens to the second
+teacher at most: how it stands must not depend on how it came to stand."""
+LANDED_S = 1.5
+"""A dropped robot listens to the last teacher until then [s]."""
+
+NUM_MEASURED = 16
+"""Directions in which is measured what a teacher holds without a step."""
+
+
+@dataclass(frozen=True)
+class Teacher:
+    """A policy, and from where on it labels.
+
+    Attributes:
+        policy: for the student's robot and nominal pose; its action scale may differ.
+        beyond: word of a body -> impulses [Ns] in evenly spaced directions, counter-clockwise from +x, linear between
+            them. A robot that has felt more than this listens to this teacher. The first teacher has none.
+        weight: of its labels while a robot recovers from a push.
+    """
+
+    policy: NetworkAgent
+    beyond: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    weight: float = 1.0
+
+
+class Teachers:
+    """All teachers, and to whom each of N robots listens.
+
+    Args:
+        teachers: in the order of the impulses that they are for.
+        env: the robots.
+
+    Raises:
+        UserError: a teacher is for another robot.
+
+    Attributes:
+        level: index of each robot's teacher (N,).
+    """
+
+    def __init__(self, teachers: Sequence[Teacher], env: PushRecoveryVectorEnv):
+        for teacher in teachers:
+            if teacher.policy.robot.fingerprint != env.robot.fingerprint:
+                name = teacher.policy.name
+                raise UserError(f"the teacher {name} is for {teacher.policy.robot.name}, not for {env.robot.name}")
+        self.teachers = list(teachers)
+        self.env = env
+        self.level = np.zeros(env.num_envs, np.int64)
+        self._limits = np.zeros((len(teachers) - 1, len(env.robot.body_names), 360))
+        for row, teacher in enumerate(teachers[1:]):
+            for body, impulses in teacher.beyond.items():
+                around = np.append(impulses, impulses[0])
+                at = np.linspace(0.0, 360.0, len(around))
+                self._limits[row, env.robot.body_id(body)] = np.interp(np.arange(360.0), at, around)
+        names = observation.component_names(env.robot)
+        self._columns = {
+            name: names.index(f"{name}.x") for name in ("com_velocity", "left_foot_position", "right_foot_position")
+        }
+        self._home = np.zeros(3)
+
+    def begin(self, observations: np.ndarray) -> None:
+        """All robots begin an episode with these observations (N, num_observations)."""
+        self.level[:] = 0
+        self._home = self._feet(observations).mean(axis=0)
+
+    def update(self, observations: np.ndarray, ended: np.ndarray) -> None:
+        """Tell to whom each robot listens after a policy step.
+
+        Args:
+            observations: without noise (N, num_observations).
+            ended: whose episode has ended (N,); they have begun another one.
+        """
+        level, env = self.level, self.env
+        level[ended] = 0
+        speed = np.linalg.norm(self._vector(observations, "com_velocity"), axis=1)
+        shift = np.abs(self._feet(observations) - self._home).max(axis=1)
+        bend = np.sqrt(np.square(observations[:, : env.robot.num_joints] - env.loop.nominal).mean(axis=1))
+        _, since = env.random_pushes.latest(env.loop.tick)
+        slow = (since > SLOW_S * CONTROL_HZ) & (speed < SLOW_SPEED)
+        level[slow] = np.minimum(level[slow], 1)
+        is_home = (since > HOME_S * CONTROL_HZ) & (speed < HOME_SPEED) & (shift < HOME_SHIFT) & (bend < HOME_BEND)
+        level[is_home] = 0
+        level[shift > STEPPED_SHIFT] = np.maximum(level[shift > STEPPED_SHIFT], 1)
+        body, impulse = env.felt_push()
+        degrees = np.degrees(np.angle(impulse)).astype(np.int64) % 360
+        np.maximum(level, (np.abs(impulse) > self._limits[:, body, degrees]).sum(axis=0), out=level)
+        level[env.was_dropped & (env.loop.tick < LANDED_S * CONTROL_HZ)] = len(self.teachers) - 1
+
+    def labels(self, observations: np.ndarray, actions: np.ndarray, either: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return what each robot's teacher would do.
+
+        Args:
+            observations: without noise (N, num_observations).
+            actions: what the student does (N, num_joints).
+            either: where both the second and the third teacher would do, the third one labels if its action differs
+                from the student's by less than this share of what the second one's does (squared). A student that
+                has to choose between two ways to recover is not to take the mean of both.
+
+        Returns:
+            labels: in the student's units (N, num_joints).
+            levels: indices of the teachers who gave them (N,).
+        """
+        levels = self.level.copy()
+        if len(self.teachers) > 2 and either:
+            rows = np.flatnonzero(levels == 1)
+            second, third = (np.square(self._ask(i, observations, rows) - actions[rows]).sum(axis=1) for i in (1, 2))
+            levels[rows[third < either * second]] = 2
+        labels = np.zeros_like(actions, dtype=np.float64)
+        for i in range(len(self.teachers)):
+            rows = np.flatnonzero(levels == i)
+            labels[rows] = self._ask(i, observations, rows)
+        return labels, levels
+
+    def _ask(self, teacher: int, observations: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        if not len(rows):
+            return np.zeros((0, self.env.robot.num_joints))
+        target = self.teachers[teacher].policy(observations[rows], rows).joint_target
+        return np.clip((target - self.env.loop.nominal) / self.env.loop.action_scale, -1.0, 1.0)
+
+    def _feet(self, observations: np.ndarray) -> np.ndarray:
+        """The left foot from the right one in the heading frame (N, 3) [m]."""
+        left, right = (self._vector(observations, f"{side}_foot_position") for side in ("left", "right"))
+        return left - right
+
+    def _vector(self, observations: np.ndarray, name: str) -> np.ndarray:
+        return observations[:, self._columns[name] : self._columns[name] + 3]
+
+
+def read_teachers(
+    tables: Sequence[Mapping[str, Any]], folder: RunFolder, resume: bool = False, num_threads: int = 0
+) -> list[Teacher]:
+    """Return the teachers of a preset.
+
+    Args:
+        tables: one for each teacher, with the keys
+            `policy`: a stage of the same run, a shipped policy, or a policy file;
+            `beyond` and `weight`: see `Teacher`;
+            `beyond_standing`: words of bodies. Beyond the largest push there from which the first teacher recovers
+            without a step, a robot listens to this teacher. That is measured, which takes minutes.
+        folder: of the run; the folders beside it may be stages.
+        resume: take what was measured from the folder's checkpoint.
+        num_threads: of the physics; 0 for one per core.
+
+    Raises:
+        UserError: there is no such policy, it has a memory, or a table has an unknown key.
+    """
+    policies = [_read_policy(str(table.get("policy", "")), folder.path.parent) for table in tables]
+    known = folder.load_checkpoint()[1]["beyond"] if resume else [{} for _ in tables]
+    teachers = []
+    for table, policy, measured in zip(tables, policies, known, strict=True):
+        values = {key: value for key, value in table.items() if key not in ("policy", "beyond_standing")}
+        beyond = dict(values.pop("beyond", {})) | measured
+        for body in table.get("beyond_standing", ()):
+            if body not in beyond:
+                beyond[body] = _beyond_standing(policies[0], body, num_threads)
+        try:
+            teachers.append(Teacher(policy, beyond, **values))
+        except TypeError as error:
+            valid = "policy, beyond, beyond_standing, weight"
+            raise UserError(f"unknown key of the teacher {table.get('policy')}; valid: {valid}") from error
+    return teachers
+
+
+def _read_policy(name: str, folder: Path) -> NetworkAgent:
+    stage = folder / name / f"best{SUFFIX}"
+    policy = load_policy(stage if name and stage.is_file() else name)
+    if policy.has_memory:
+        raise UserError(f"the teacher {name} has a memory; only policies without one can be teachers")
+    return policy
+
+
+def _beyond_standing(policy: NetworkAgent, body: str, num_threads: int) -> list[float]:
+    """Impulses in 16 directions, a third of a cell above those that a policy holds without a step [Ns]."""
+    scenario = Scenario("standing", directions=NUM_MEASURED, body=body)
+    margin = scenario.lines(protocol_for(policy.robot))[0].grid / 3.0
+    return [impulse + margin for impulse in standing_thresholds(policy, scenario, num_threads=num_threads)]
