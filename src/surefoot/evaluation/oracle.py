@@ -27,12 +27,12 @@ NUM_ELITES = 16
 NUM_KNOTS = 8
 MOTION_S = 1.3
 """Time from the push's beginning in which the offsets act [s]."""
-FIRST_DEVIATION = 0.25
-"""Standard deviation of the offsets at the beginning of a search [rad]."""
+FIRST_DEVIATION = 0.1
+"""Standard deviation of the offsets at the beginning of a search [rad]. With 0.25 rad nearly every sample falls."""
 LEAST_DEVIATION = 0.01
 SMOOTHING = 0.3
 """Share of the last iteration's mean and deviation in the next one's."""
-MAX_ITERATIONS = 20
+MAX_ITERATIONS = 30
 ENOUGH = 0.9
 """A search ends when so large a share of the samples succeeds."""
 NUM_CHECKS = 16
