@@ -122,7 +122,7 @@ def test_the_page_needs_no_network_and_draws_the_robot(tab, page, tmp_path):
     assert until(looks_like_a_robot, 30.0)
     assert tab.title() == "surefoot"
     assert tab.asked
-    assert all(url.startswith((page.address, f"blob:{page.address}", "data:")) for url in tab.asked)
+    assert all(url.startswith((page.origin, f"blob:{page.origin}", "data:")) for url in tab.asked)
 
 
 def test_a_push_by_button_moves_the_robot_and_its_label(tab, page):

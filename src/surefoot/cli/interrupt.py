@@ -39,6 +39,13 @@ def ends_at_once() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
+def end_within(seconds: float) -> None:
+    """End the process after that time at the latest, whatever still runs: a thread that hangs, for example."""
+    timer = threading.Timer(seconds, os._exit, (EXIT_CODE,))
+    timer.daemon = True
+    timer.start()
+
+
 def _is_default() -> bool:
     """Does Ctrl-C do here what it usually does? It does not in a thread, nor in what `nohup` started."""
     is_main = threading.current_thread() is threading.main_thread()

@@ -6,11 +6,19 @@ import time
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from surefoot.cli import interrupt
 from surefoot.cli.terminal import chosen_robot, say
+from surefoot.errors import UserError
+
+if TYPE_CHECKING:
+    from surefoot.viewer.page import Page
+
+_PATIENCE_S = 8.0
+"""For the page's threads to end after Ctrl-C."""
 
 
 @dataclass(frozen=True)
@@ -26,26 +34,35 @@ class Play:
     """1 to 64 robots under the same push."""
     port: int = 8080
     """Where the page is."""
-    host: str = "127.0.0.1"
-    """Who may open the page: only this machine unless told otherwise (0.0.0.0: everyone who reaches it)."""
-    runs: Path = Path("runs")
-    """Folder whose runs are offered."""
+    host: tuple[str, ...] = ("127.0.0.1",)
+    """Where the page listens: only on this machine unless told otherwise (0.0.0.0: for all who reach it and have the
+    printed address). What follows are further names by which browsers reach this machine."""
+    runs: tuple[Path, ...] = (Path("runs"),)
+    """Folders whose runs and policy files are offered; the page plays no others."""
     open: bool = False
     """Open the page in this machine's browser."""
 
     def main(self) -> None:
         """Serve the page until Ctrl-C."""
-        from surefoot.viewer.page import Page
-        from surefoot.viewer.source import PolicySource
-
-        page = Page(PolicySource(self.policy, chosen_robot(self.robot)), self.robots, self.host, self.port, self.runs)
-        say(f"push it at {page.address} (Ctrl-C ends)")
-        if self.open:
-            webbrowser.open(page.address)
+        with interrupt.ends_at_once():
+            page = self._page()
         try:
+            say(f"push it at {page.address} (Ctrl-C ends)")
+            if self.open:
+                webbrowser.open(page.address)
             while True:
                 time.sleep(1.0)
         except KeyboardInterrupt:
             say("closed")
         finally:
+            interrupt.end_within(_PATIENCE_S)
             page.close()
+
+    def _page(self) -> Page:
+        from surefoot.viewer.page import Page
+        from surefoot.viewer.source import PolicySource
+
+        if not self.host:
+            raise UserError("host must be an address or a name of this machine; valid: 127.0.0.1, 0.0.0.0")
+        source = PolicySource(self.policy, chosen_robot(self.robot))
+        return Page(source, self.robots, self.host[0], self.port, self.runs, self.host[1:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,8 +60,16 @@ class ClipRecorder:
         return tuple(self._shots)
 
 
-def save_clip(path: Path, robot: Robot, shots: tuple[Shot, ...]) -> None:
+def save_clip(
+    path: Path, robot: Robot, shots: tuple[Shot, ...], on_picture: Callable[[int], object] = lambda number: None
+) -> None:
     """Write what was recorded as .mp4 or .gif, in real time.
+
+    Args:
+        path: of the film.
+        robot: who is shown.
+        shots: a picture each.
+        on_picture: called with the number of pictures drawn, after each.
 
     Raises:
         UserError: there is nothing to write, no OpenGL to draw with, or the file cannot be written.
@@ -71,8 +79,9 @@ def save_clip(path: Path, robot: Robot, shots: tuple[Shot, ...]) -> None:
 
     def pictures() -> Iterator[np.ndarray]:
         with Renderer(robot, *SIZE) as scene:
-            for shot in shots:
+            for number, shot in enumerate(shots, start=1):
                 yield scene.draw(shot.moment, shot.push)
+                on_picture(number)
 
     write_film(path, pictures(), POLICY_HZ, SIZE)
 

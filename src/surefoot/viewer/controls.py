@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,12 +16,12 @@ from surefoot.rendering.words import pushable_words
 from surefoot.robots import Robot
 from surefoot.viewer.clip import SECONDS
 from surefoot.viewer.markup import render
-from surefoot.viewer.player import Player
+from surefoot.viewer.player import MIN_SPEED, Player
 from surefoot.viewer.session import FRICTION, Session
+from surefoot.viewer.settings import Setting, choice, number
 from surefoot.viewer.source import PolicySource, offered_policies
 
 CROWDS = ("1", "4", "16", "36", "64")
-_OTHER = "other ..."
 _KEYS = {"space": "pause", "N": "one step", "R": "reset", "F": "follow", "X": "see through"}
 _ARROWS = {
     "arrowup": ("Push away from the viewer", 0, 1),
@@ -68,6 +68,9 @@ class Actions(Protocol):
     def send_clip(self, client: viser.ClientHandle) -> None:
         """Give a browser the last seconds as a film."""
 
+    def cancel_clip(self) -> None:
+        """End the film that is being drawn."""
+
 
 class Controls:
     """All that a user can set, and what happens then.
@@ -75,13 +78,14 @@ class Controls:
     Args:
         gui: where the panel is made.
         actions: who does what is asked for.
-        runs: folder whose run folders are offered.
+        folders: whose runs and policy files are offered.
     """
 
-    def __init__(self, gui: viser.GuiApi, actions: Actions, runs: Path):
+    def __init__(self, gui: viser.GuiApi, actions: Actions, folders: Sequence[Path]):
         self._gui = gui
         self._actions = actions
-        self._runs = runs
+        self._folders = folders
+        self._first_policy = actions.source.name
         gui.add_html(render("help", keys=_KEYS))
         with gui.add_folder("Push"):
             self._add_pushes(actions.player.session.robot)
@@ -96,7 +100,14 @@ class Controls:
 
     def set_impulse(self, impulse: float) -> None:
         """Move the slider [Ns]."""
-        self._impulse.value = impulse  # type: ignore[misc] # as in _toggle
+        self._impulse.set(impulse)
+
+    def show_film(self, share: float | None) -> None:
+        """Show how much of a film has been drawn, 0 to 1, and the button that cancels it; None: there is none."""
+        self._save.visible = share is None
+        for handle in (self._film_title, self._film_bar, self._cancel):
+            handle.visible = share is not None
+        self._film_bar.value = round(100.0 * (share or 0.0))  # type: ignore[misc] # as in _toggle
 
     def refresh_policies(self) -> None:
         """Offer run folders that are new."""
@@ -106,8 +117,9 @@ class Controls:
     def _add_pushes(self, robot: Robot) -> None:
         gui, step = self._gui, protocol_for(robot).impulse_step
         self._bodies = pushable_words(robot)
-        self._body = gui.add_dropdown("Body", tuple(self._bodies), initial_value=next(iter(self._bodies)))
-        self._angle = gui.add_slider(
+        body = gui.add_dropdown("Body", tuple(self._bodies), initial_value=next(iter(self._bodies)))
+        self._body = Setting(body, choice("body", lambda: tuple(self._bodies)))
+        angle = gui.add_slider(
             "Direction",
             min=-180,
             max=180,
@@ -116,75 +128,72 @@ class Controls:
             marks=((-180, "back"), (-90, "right"), (0, "forward"), (90, "left"), (180, "back")),
             hint="degrees, as the robot sees it",
         )
-        self._impulse = gui.add_slider(
-            "Impulse [Ns]",
-            min=step,
-            max=round(_LARGEST_IMPULSE * step, 2),
-            step=step,
-            initial_value=round(_FIRST_IMPULSE * step, 2),
-        )
-        self._duration = gui.add_slider("Duration [s]", min=0.02, max=1.0, step=0.02, initial_value=0.12)
+        self._angle = Setting(angle, number("direction", -180, 180))
+        largest, first = round(_LARGEST_IMPULSE * step, 2), round(_FIRST_IMPULSE * step, 2)
+        self._impulse = self._add_slider("Impulse [Ns]", "impulse", step, largest, step, first)
+        self._duration = self._add_slider("Duration [s]", "duration", 0.02, 1.0, 0.02, 0.12)
         button = gui.add_button("Push", icon=viser.Icon.HAND_MOVE, color=(226, 88, 24))
         button.on_click(lambda _: self._push(self._chosen_push()))
-        self._height = gui.add_slider("Height [m]", min=0.05, max=0.6, step=0.05, initial_value=0.3)
+        self._height = self._add_slider("Height [m]", "height", 0.05, 0.6, 0.05, 0.3)
         gui.add_button_group("", ("Drop", "Lift and push")).on_click(self._drop_or_lift)
 
+    def _add_slider(
+        self,
+        label: str,
+        name: str,
+        low: float,
+        high: float,
+        step: float,
+        first: float,
+        on_change: Callable[[float], object] = lambda value: None,
+        hint: str | None = None,
+    ) -> Setting[float]:
+        slider = self._gui.add_slider(label, min=low, max=high, step=step, initial_value=first, hint=hint)
+        return Setting(slider, number(name, low, high), on_change)
+
     def _drop_or_lift(self, event: viser.GuiEvent[Any]) -> None:
-        fall, push = float(self._height.value), self._chosen_push()
+        fall, push = self._height.value, self._chosen_push()
         if event.target.value == "Drop":
             self._actions.push(lambda session: session.drop(fall))
-        else:
+        elif event.target.value == "Lift and push":
             self._actions.push(lambda session: session.lift_and_push(push))
 
     def _push(self, push: Push) -> None:
         self._actions.push(lambda session: session.push(push))
 
     def _chosen_push(self) -> Push:
-        return self._push_towards(float(self._angle.value))
+        return self._push_towards(self._angle.value)
 
     def _push_towards(self, angle_deg: float) -> Push:
         body = self._bodies[self._body.value]
-        return horizontal_push(body, angle_deg, float(self._impulse.value), float(self._duration.value))
+        return horizontal_push(body, angle_deg, self._impulse.value, self._duration.value)
 
     def _add_policy(self) -> None:
         actions, gui = self._actions, self._gui
-        self._policies = policies = gui.add_dropdown("Policy", self._offered(), initial_value=actions.source.name)
-        other = gui.add_text("File or run", "", hint="a policy file or a run folder, then Enter", visible=False)
-
-        @policies.on_update
-        def _(_: viser.GuiEvent[Any]) -> None:
-            other.visible = policies.value == _OTHER
-            if policies.value != _OTHER:
-                actions.set_source(policies.value)
-
-        @other.on_update
-        def _(_: viser.GuiEvent[Any]) -> None:
-            if other.value.strip():
-                actions.set_source(other.value.strip())
-
+        self._policies = gui.add_dropdown("Policy", self._offered(), initial_value=self._first_policy)
+        Setting(self._policies, choice("policy", self._offered), actions.set_source)
         crowd = gui.add_dropdown("Robots", CROWDS, initial_value=str(actions.player.session.num_robots))
-        crowd.on_update(lambda _: actions.set_num_robots(int(crowd.value)))
+        Setting(crowd, choice("robots", lambda: crowd.options), lambda value: actions.set_num_robots(int(value)))
 
     def _add_conditions(self) -> None:
         player, gui = self._actions.player, self._gui
-        noise = gui.add_slider("Noise [%]", min=0, max=100, step=10, initial_value=0, hint="of the paper's noise")
-        friction = gui.add_slider("Friction", min=0.1, max=1.5, step=0.05, initial_value=FRICTION)
+        self._add_slider(
+            *("Noise [%]", "noise", 0, 100, 10, 0),
+            lambda noise: player.do(lambda session: session.set_noise(noise / 100.0)),
+            "of the paper's noise",
+        )
+        self._add_slider(
+            *("Friction", "friction", 0.1, 1.5, 0.05, FRICTION),
+            lambda friction: player.do(lambda session: session.set_friction(friction)),
+        )
         stands_up = gui.add_checkbox("Stand up again", initial_value=True, hint="after a fall, by itself")
-
-        @noise.on_update
-        def _(_: viser.GuiEvent[Any]) -> None:
-            player.do(lambda session: session.set_noise(float(noise.value) / 100.0))
-
-        @friction.on_update
-        def _(_: viser.GuiEvent[Any]) -> None:
-            player.do(lambda session: session.set_friction(float(friction.value)))
 
         @stands_up.on_update
         def _(_: viser.GuiEvent[Any]) -> None:
             player.do(lambda session: setattr(session, "stands_up", bool(stands_up.value)))
 
     def _offered(self) -> tuple[str, ...]:
-        return (*offered_policies(self._runs, self._actions.source.name), _OTHER)
+        return offered_policies(self._folders, self._first_policy)
 
     def _add_time(self) -> None:
         actions, gui = self._actions, self._gui
@@ -193,17 +202,21 @@ class Controls:
         @buttons.on_click
         def _(event: viser.GuiEvent[Any]) -> None:
             deeds = {"Pause": self._pause, "Step": actions.player.single_step, "Reset": actions.reset}
-            deeds[event.target.value]()
+            if event.target.value in deeds:
+                deeds[event.target.value]()
 
-        speed = gui.add_slider("Speed", min=0.05, max=1.0, step=0.05, initial_value=1.0, hint="1 is real time")
+        self._add_slider(
+            *("Speed", "speed", MIN_SPEED, 1.0, 0.05, 1.0),
+            lambda speed: setattr(actions.player, "speed", speed),
+            "1 is real time",
+        )
+        self._save = gui.add_button(f"Save the last {SECONDS:.0f} s as MP4", icon=viser.Icon.MOVIE)
+        self._film_title = gui.add_markdown("Drawing the film", visible=False)
+        self._film_bar = gui.add_progress_bar(0.0, visible=False)
+        self._cancel = gui.add_button("Cancel the film", icon=viser.Icon.X, color="gray", visible=False)
+        self._cancel.on_click(lambda _: actions.cancel_clip())
 
-        @speed.on_update
-        def _(_: viser.GuiEvent[Any]) -> None:
-            actions.player.speed = float(speed.value)
-
-        clip = gui.add_button(f"Save the last {SECONDS:.0f} s as MP4", icon=viser.Icon.MOVIE)
-
-        @clip.on_click
+        @self._save.on_click
         def _(event: viser.GuiEvent[Any]) -> None:
             if event.client:
                 threading.Thread(target=actions.send_clip, args=(event.client,), daemon=True).start()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,8 +13,10 @@ import viser
 from surefoot.errors import UserError
 from surefoot.rendering.framing import REFERENCE_HEIGHT, scale_of
 from surefoot.viewer.browser_scene import BrowserScene
-from surefoot.viewer.clip import ClipRecorder, save_clip
+from surefoot.viewer.clip import ClipRecorder
 from surefoot.viewer.controls import Controls
+from surefoot.viewer.filming import Filming
+from surefoot.viewer.guard import Guard
 from surefoot.viewer.history import History
 from surefoot.viewer.live_panel import LivePanel
 from surefoot.viewer.markup import render
@@ -43,7 +44,8 @@ class Page:
         num_robots: 1 to 64.
         host: name or address at which it listens.
         port: at which it listens; 0 for any that is free.
-        runs: folder whose run folders are offered.
+        folders: whose runs and policy files are offered; the page plays no others.
+        names: further names by which browsers reach this machine.
 
     Raises:
         UserError: the port is in use, or the number of robots will not do.
@@ -55,7 +57,8 @@ class Page:
         num_robots: int = 1,
         host: str = "127.0.0.1",
         port: int = PORT,
-        runs: Path = Path("runs"),
+        folders: Sequence[Path] = (Path("runs"),),
+        names: Sequence[str] = (),
     ):
         check_port(host, port)
         session = Session(source.policy, num_robots)  # refused before anything listens
@@ -68,22 +71,30 @@ class Page:
         self._scale = scale_of(session.robot)
         self._is_pushed = False
         self._last_panel = self._last_poll = 0.0
-        self.server = start_server(host, port)
+        self._filming = Filming(lambda share: self.controls.show_film(share))
+        self.guard = Guard(host, names)
+        self.server = start_server(host, port, self.guard)
         camera = self.server.initial_camera
         camera.position, camera.look_at = camera_place(num_robots, self._scale)
         self.player = Player(session, self._show, lambda: bool(self.server.get_clients()), self._remember)
         self.scene = self._build_scene(session)
-        self._build_panels(runs)
+        self._build_panels(folders)
         self.player.start()
 
     @property
     def address(self) -> str:
-        """What a browser on this machine opens."""
+        """What a browser on this machine opens; without the token it is refused."""
+        return f"{self.origin}/?token={self.guard.token}"
+
+    @property
+    def origin(self) -> str:
+        """The address without its token."""
         host = self.server.get_host()
         return f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else host}:{self.server.get_port()}"
 
     def close(self) -> None:
-        """Stop the robots, then the server."""
+        """Stop the film that is being drawn and the robots, then the server."""
+        self._filming.cancel()
         self.player.stop()
         stop_server(self.server)
 
@@ -149,17 +160,16 @@ class Page:
         self.player.do(lambda session: session.reset())
 
     def send_clip(self, client: viser.ClientHandle) -> None:
-        """Give a browser the last seconds as a film."""
-        note = client.add_notification("clip", "drawing the film", loading=True)
+        """Give a browser the last seconds as a film, drawn by another process; one at a time."""
         try:
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / "surefoot.mp4"
-                save_clip(path, self.player.session.robot, self.clip.shots())
-                client.send_file_download("surefoot.mp4", path.read_bytes())
-            note.remove()
+            film = self._filming.draw(self.player.session.robot, self.clip.shots())
+            client.send_file_download("surefoot.mp4", film)
         except UserError as error:
-            note.remove()
-            client.add_notification("clip", str(error), color="red")
+            client.add_notification("film", str(error), auto_close_seconds=6.0, color="red")
+
+    def cancel_clip(self) -> None:
+        """End the film that is being drawn."""
+        self._filming.cancel()
 
     def tell(self, message: str, title: str = "surefoot", color: Literal["gray", "red"] = "gray") -> None:
         """Show a notification in every browser."""
@@ -216,6 +226,8 @@ class Page:
         @handle.on_drag
         async def _(event: viser.SceneNodeDragEvent[Any]) -> None:
             robot = event.instance_index or 0
+            if robot >= self.player.session.num_robots:
+                return
             force = self._hand_force(np.subtract(event.end_position, event.start_position))
             if event.phase == "end":
                 self.player.do(lambda session: session.release(robot))
@@ -225,7 +237,7 @@ class Page:
         @handle.on_click
         async def _(event: viser.SceneNodePointerEvent[Any]) -> None:
             robot = event.instance_index or 0
-            if robot != self.watched:
+            if robot != self.watched and robot < self.player.session.num_robots:
                 self.watched = robot
                 self.history.clear()
 
@@ -235,11 +247,11 @@ class Page:
         share *= min(1.0, _HAND_FORCE / max(float(np.linalg.norm(share)), 1e-9))
         return np.asarray(self.player.session.robot.weight * share)
 
-    def _build_panels(self, runs: Path) -> None:
+    def _build_panels(self, folders: Sequence[Path]) -> None:
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(226, 88, 24), control_width="medium")
         gui.add_html(render("page_script"))
-        self.controls = Controls(gui, self, runs)
+        self.controls = Controls(gui, self, folders)
         gui.main_panel.dock_right()
         panel = gui.add_panel()
         with panel.add_tab("Live", viser.Icon.ACTIVITY):

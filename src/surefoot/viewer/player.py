@@ -12,12 +12,15 @@ import time
 import traceback
 from collections.abc import Callable
 
+from surefoot.checks import check_number
 from surefoot.errors import UserError
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.viewer.session import Session
 
 MAX_BEHIND = 3
 """Policy steps per frame at most: a slow machine plays in slow motion instead of choking."""
+MIN_SPEED = 0.05
+"""The slowest motion, as a share of real time."""
 FEW = 4
 """Up to so many robots are drawn 50 times a second, more 25 times."""
 
@@ -33,7 +36,6 @@ class Player:
 
     Attributes:
         paused: by the user.
-        speed: 1 is real time, 0.1 a tenth of it.
         real_time: share of `speed` that was reached over the last second.
         frame_rate: frames per second over the last second.
     """
@@ -47,7 +49,7 @@ class Player:
     ):
         self.session = session
         self.paused = False
-        self.speed = 1.0
+        self._speed = 1.0
         self.real_time = 1.0
         self.frame_rate = 0.0
         self._show = show
@@ -57,6 +59,19 @@ class Player:
         self._position = 0.0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
+
+    @property
+    def speed(self) -> float:
+        """1 is real time, 0.1 a tenth of it.
+
+        Raises:
+            UserError: when it is set to anything but a number from `MIN_SPEED` to 1.
+        """
+        return self._speed
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        self._speed = float(check_number("speed", speed, MIN_SPEED, 1.0))
 
     @property
     def frames_per_second(self) -> int:
@@ -109,6 +124,9 @@ class Player:
                 self._asked.get()(self.session)
             except UserError as error:
                 self.session.message = str(error)
+            except Exception as error:  # of what one browser asked for: the others play on
+                self.session.message = f"could not do that: {type(error).__name__}: {error}"
+                traceback.print_exc()
 
     def _run(self) -> None:
         due, counted, frames, steps = time.monotonic(), time.monotonic(), 0, 0

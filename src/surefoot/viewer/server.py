@@ -11,6 +11,7 @@ import rich
 import viser
 
 from surefoot.errors import UserError
+from surefoot.viewer.guard import Guard
 
 _FIELD_OF_VIEW = 38.0
 """Of the camera [deg]."""
@@ -18,14 +19,14 @@ _HORIZON, _ZENITH = (206, 214, 224), (138, 152, 171)
 """Colours of the sky."""
 
 
-def start_server(host: str, port: int) -> viser.ViserServer:
-    """A server that listens and is lit.
+def start_server(host: str, port: int, guard: Guard) -> viser.ViserServer:
+    """A server that listens, is guarded, and is lit.
 
     Raises:
         UserError: nobody can listen there.
     """
     check_port(host, port)
-    with _quiet():
+    with _quiet(), guard.installed():
         server = viser.ViserServer(host=host, port=port, label="surefoot", verbose=False)
     _light(server)
     return server

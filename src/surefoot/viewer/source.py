@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from surefoot.agents.load import BEST, NOMINAL, is_controller, load_agent, load_policy, shipped_policies, usual_robot
@@ -97,9 +98,11 @@ class PolicySource:
         return policy
 
 
-def offered_policies(runs: Path, *more: str) -> tuple[str, ...]:
-    """Names to choose from: shipped ones, the nominal pose, run folders below `runs`, and `more`."""
-    folders: list[str] = []
-    if runs.is_dir():
-        folders = sorted(str(path) for path in runs.iterdir() if (path / "config.json").exists())
-    return tuple(dict.fromkeys([*shipped_policies(), NOMINAL, *folders, *more]))
+def offered_policies(folders: Sequence[Path], *more: str) -> tuple[str, ...]:
+    """Names to choose from: shipped ones, the nominal pose, run folders and policy files in `folders`, and `more`."""
+    found = sorted(str(path) for folder in folders if folder.is_dir() for path in folder.iterdir() if _is_policy(path))
+    return tuple(dict.fromkeys([*shipped_policies(), NOMINAL, *found, *more]))
+
+
+def _is_policy(path: Path) -> bool:
+    return (path / "config.json").is_file() or (path.suffix == SUFFIX and path.is_file())
