@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import socket
 import subprocess
@@ -154,7 +155,8 @@ def test_play_says_where_it_is_and_ends_by_ctrl_c(tmp_path: Path):
     ) as process:
         try:
             assert process.stderr
-            assert process.stderr.readline() == f"push it at http://127.0.0.1:{port} (Ctrl-C ends)\n"
+            said = process.stderr.readline()
+            assert re.fullmatch(rf"push it at http://127.0.0.1:{port}/\?token=[\w-]{{24}} \(Ctrl-C ends\)\n", said)
             second = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
             assert second.returncode == 2
             assert f"surefoot: cannot listen on 127.0.0.1:{port}: address already in use; valid:" in second.stderr

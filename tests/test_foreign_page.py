@@ -1,4 +1,4 @@
-"""The live page against another web page in the same browser, and the film that it draws: Debian's chromium, headless."""
+"""The live page against another web page in the same browser, and the film that it draws, in a real browser."""
 
 from __future__ import annotations
 
