@@ -164,7 +164,7 @@ def verdict(agent: Agent, found: AgentCheck) -> list[str]:
     better = found.better_ways
     if better:
         said.append(
-            f"It is the adapter: with {better[0].way.name} {better[0].num_stood} of {len(given.outcomes)} stand."
+            f"It is the adapter: {better[0].num_stood} of {len(given.outcomes)} stand with {better[0].way.name}."
         )
     else:
         said.append(

@@ -112,12 +112,13 @@ class AgentCheck:
         return [result for result in self.wrong if self.stands and result.num_stood == len(result.outcomes)]
 
 
-def check_agent_by_driving(agent: Agent, seconds: float = STAND_S) -> AgentCheck:
+def check_agent_by_driving(agent: Agent, seconds: float = STAND_S, num_threads: int = 0) -> AgentCheck:
     """Drive an agent in its own way and in wrong ones, and ask what it reacts to.
 
     Args:
         agent: the agent.
         seconds: for how long it has to stand.
+        num_threads: of the physics; 0 for all cores.
 
     Raises:
         UserError: it fails before the robots have moved; the message says how.
@@ -125,16 +126,9 @@ def check_agent_by_driving(agent: Agent, seconds: float = STAND_S) -> AgentCheck
     ways = [Way(AS_GIVEN), *wrong_ways(agent.robot)]
     commands = [Way(name, command=command) for name, command in COMMANDS.items()]
     driven = AgentInWays(agent, [*ways, *commands], NUM_EACH)
-    watch = _Watch(driven)
-    results = [WayResult(way) for way in driven.ways]
-    source = _InOrder(len(results) * NUM_EACH, seconds)
-    run_trials(driven, source, num_slots=source.num_trials, on_step=watch)
-    for place, outcome in source.outcomes.items():
-        results[place // NUM_EACH].outcomes.append(outcome)
+    results, watch = _drive(driven, seconds, num_threads)
     _check_answers(agent, results[0])
-    for place, result in enumerate(results):
-        result.speed = watch.mean_speed(place)
-    return AgentCheck(
+    found = AgentCheck(
         given=results[0],
         wrong=results[1 : len(ways)],
         commands=results[len(ways) :] if driven.takes_commands else [],
@@ -143,6 +137,26 @@ def check_agent_by_driving(agent: Agent, seconds: float = STAND_S) -> AgentCheck
         target_error=watch.target_error(),
         beyond_share=watch.beyond_share(),
     )
+    if found.stands or found.better_ways:
+        return found
+    # The whole description of the joints may stand in another order, and not only the observations and the actions.
+    for way in ways:
+        if way.order is not None:
+            whole = Way(f"{way.name}, gains and pose too", way.order)
+            found.wrong.extend(_drive(AgentInWays(agent, [whole], NUM_EACH, way.order), seconds, num_threads)[0])
+    return found
+
+
+def _drive(driven: AgentInWays, seconds: float, num_threads: int) -> tuple[list[WayResult], _Watch]:
+    """Let an agent stand in each of its ways."""
+    watch, source = _Watch(driven), _InOrder(len(driven.ways) * NUM_EACH, seconds)
+    results = [WayResult(way) for way in driven.ways]
+    run_trials(driven, source, source.num_trials, num_threads, watch)
+    for place, outcome in source.outcomes.items():
+        results[place // NUM_EACH].outcomes.append(outcome)
+    for place, result in enumerate(results):
+        result.speed = watch.mean_speed(place)
+    return results, watch
 
 
 def _check_answers(agent: Agent, given: WayResult) -> None:

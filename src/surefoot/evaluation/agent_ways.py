@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,13 +57,19 @@ class AgentInWays:
 
     Robots 0 to `num_each` - 1 are driven in the first way, and so on.
 
+    Args:
+        agent: the agent.
+        ways: how it is driven.
+        num_each: robots in each way.
+        order: places of the joints in the order in which the agent's gains and its pose stand, if not in their own.
+
     Attributes:
         takes_commands: whether the agent can be asked for a speed.
         last_inputs, last_targets: what the agent was given and answered for the robots of its last call.
         last_ids: the robots of that call (n,).
     """
 
-    def __init__(self, agent: Agent, ways: Sequence[Way], num_each: int):
+    def __init__(self, agent: Agent, ways: Sequence[Way], num_each: int, order: np.ndarray | None = None):
         self.agent, self.ways, self.num_each = agent, ways, num_each
         self.name, self.digest, self.robot = agent.name, agent.digest, agent.robot
         self.contract: Contract = agent.contract
@@ -70,6 +77,11 @@ class AgentInWays:
         self.gains: Gains = agent.gains
         self.clips_targets: bool = agent.clips_targets
         self.failures: Counter[str] = agent.failures
+        if order is not None:
+            back = np.argsort(order)
+            pose = np.array(agent.contract.nominal_pose)[back]
+            self.contract = dataclasses.replace(agent.contract, nominal_pose=tuple(pose.tolist()))
+            self.gains = Gains(agent.gains.stiffness[back], agent.gains.damping[back])
         self.takes_commands = False
         self.last_inputs: Any = None
         self.last_targets = np.zeros((0, agent.robot.num_joints))
