@@ -14,7 +14,7 @@ import torch
 from conftest import tiny
 from stable_baselines3 import DDPG
 
-import surefoot.learning.run_folder as run_folder_module
+import surefoot.learning.whole_file as whole_file_module
 from surefoot.agents.load import load_policy
 from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError
@@ -31,7 +31,7 @@ ALGORITHMS = ("trpo", "ppo", "ddpg")
 def test_a_run_leaves_all_its_files(tmp_path: Path) -> None:
     train(tiny("ppo"), tmp_path / "run")
     names = {file.name.split(".")[0] for file in (tmp_path / "run").iterdir()}
-    assert names == {"config", "curve", "checkpoint", "best", "last", "kept", "events"}
+    assert names == {"config", "beginning", "curve", "checkpoint", "best", "last", "kept", "events"}
     folder = RunFolder(tmp_path / "run")
     assert folder.config() == tiny("ppo")
     (row,) = folder.curve()
@@ -129,7 +129,7 @@ def test_a_run_cannot_begin_with_networks_that_do_not_fit(change: dict, message:
 
 
 def test_an_interrupted_command_can_be_resumed(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "surefoot", "train", "--algorithm", "trpo", "--run", "run", "--minutes", "5"]
+    command = [sys.executable, "-m", "surefoot", "train", "--algorithm", "trpo", "--run", "run", "--steps", "1000000"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 90.0
     while not list(tmp_path.glob("run/events*")) and time.monotonic() < deadline:
@@ -152,13 +152,13 @@ def test_a_full_disk_in_mid_checkpoint_loses_no_earlier_one(tmp_path: Path, monk
     def no_space(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(run_folder_module.os, "fsync", no_space)
+    monkeypatch.setattr(whole_file_module.os, "fsync", no_space)
     with pytest.raises(UserError, match=r"cannot write .*checkpoint\.npz: No space left on device; what was there"):
         folder.save_checkpoint({"policy": {"w": torch.zeros(3)}}, {"steps": 2})
     parameters, state = folder.load_checkpoint()
     assert state["steps"] == 1
     assert torch.equal(parameters["policy"]["w"], torch.ones(3))
-    assert sorted(file.name for file in folder.path.iterdir()) == ["checkpoint.npz", "config.json"]
+    assert sorted(file.name for file in folder.path.iterdir()) == ["beginning.json", "checkpoint.npz", "config.json"]
 
 
 def test_a_checkpoint_holds_no_pickle(tmp_path: Path) -> None:

@@ -19,9 +19,8 @@ from surefoot.evaluation.suites import PAPER
 from surefoot.learning.config import TrainConfig, with_budget
 from surefoot.learning.curve import read_curves
 from surefoot.learning.preset_file import preset
-from surefoot.learning.run_folder import discard_beginning
 from surefoot.learning.schedule import Progress
-from surefoot.learning.train import train
+from surefoot.learning.train import go_on
 from surefoot.report.page import Report, make_report
 
 ALGORITHMS = ("trpo", "ppo", "ddpg")
@@ -99,10 +98,7 @@ def train_run(run: Run, on_progress: Callable[[Progress], None] | None = None) -
     """
     if run.is_trained:
         return
-    resume = (run.folder / "checkpoint.npz").exists()
-    if not resume:
-        discard_beginning(run.folder)
-    train(run.config, run.folder, resume, on_progress)
+    go_on(run.config, run.folder, on_progress)
     (run.folder / _TRAINED).touch()
 
 

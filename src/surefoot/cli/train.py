@@ -39,9 +39,11 @@ class Train:
     run: Path | None = None
     """Folder of the run; runs/PRESET-ALGORITHM-SEED (runs/best-SEED) without it."""
     minutes: float | None = None
-    """Wall-clock budget, of each stage if there are several; the preset's without it."""
+    """About how long it learns, of each stage if there are several; the preset's without it. The speed is measured
+    first, and the minutes become policy steps."""
     steps: int | None = None
-    """Budget in policy steps, of each stage if there are several; a run ends with the first budget that is used up."""
+    """Budget in policy steps in place of the minutes, of each stage if there are several; the same steps and the same
+    seed give the same policy on the same kind of machine."""
     seed: int = 0
     """Seed of every random number that is drawn."""
     resume: Path | None = None

@@ -12,14 +12,13 @@ from pathlib import Path
 from surefoot.learning.config import HALF_LIFE_GAMMA, PAPER_LAYERS, TrainConfig
 from surefoot.learning.curve import read_curve
 from surefoot.learning.preset_file import preset
-from surefoot.learning.train import OnProgress, train
+from surefoot.learning.train import OnProgress, go_on
 from surefoot.task.random_pushes import DisturbanceConfig
 
 Change = Callable[[TrainConfig], TrainConfig]
 
 SCHEDULE_STEPS = 1_600_000
 """Policy steps in which the schedules of `fast` run to their end: its 14 minutes at the speed of two cores."""
-_NO_LIMIT = 1e6
 
 
 def _run(**changes: object) -> Change:
@@ -62,8 +61,8 @@ OLD_NAMES = {
 def without(name: str, steps: int, seed: int) -> TrainConfig:
     """Return the preset without one thing, for its first policy steps, however long they take."""
     config = LEFT_OUT[name](preset("fast", "ddpg"))
-    schedule = _NO_LIMIT * max(1.0, SCHEDULE_STEPS / steps)
-    return dataclasses.replace(config, seed=seed, steps=steps, minutes=_NO_LIMIT, schedule_minutes=schedule)
+    minutes = config.schedule_minutes * steps / SCHEDULE_STEPS
+    return dataclasses.replace(config, seed=seed, steps=steps, minutes=minutes)
 
 
 def ablate(
@@ -82,7 +81,5 @@ def ablate(
         The rows of its learning curve.
     """
     run = folder / name
-    config = without(name, steps, seed)
-    if not (run / "curve.csv").exists() or read_curve(run / "curve.csv")[-1]["steps"] < steps:
-        train(config, run, (run / "checkpoint.npz").exists(), on_progress)
+    go_on(without(name, steps, seed), run, on_progress)
     return read_curve(run / "curve.csv")

@@ -43,10 +43,11 @@ class TrainConfig:
         env: the task.
         preset: name of the preset that this began as.
         seed: of everything random.
-        minutes: wall-clock budget, validation included.
+        minutes: budget as time, validation included; it becomes policy steps at the start of the run, see `Budget`.
         schedule_minutes: all that changes in the course of a run takes at least this time, so that a shorter run is the
             beginning of a longer one.
-        steps: budget in policy steps; the run ends with the first budget that is used up.
+        steps: budget in policy steps; with it nothing is measured, and the minutes only tell how much of
+            `schedule_minutes` the run is.
         num_envs: robots in the batch.
         actor, critic: sizes of the hidden layers.
         past_observations, past_actions: what the actor is given of the last policy steps, see `Memory`.

@@ -6,15 +6,18 @@ sensors tell it, with their noise, and its own past instead.
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
 
 from surefoot.agents.network import NetworkAgent
+from surefoot.learning.budget import MEASURED_S, MEASURED_SHARE, SPEED, SPENT, budget_for
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.interrupt import deferred_interrupt
 from surefoot.learning.kept_policies import KeptPolicies
@@ -29,7 +32,10 @@ from surefoot.rates import CONTROL_HZ
 from surefoot.task.environment import PushRecoveryVectorEnv
 
 VALIDATION_S = 300.0
-"""Time from one validation and checkpoint to the next."""
+"""Time from one validation to the next, at the mean speed."""
+CHECKPOINT_S = 60.0
+"""Time from one checkpoint to the next at most."""
+_WARM_UP, _FOREVER = 5, 10**12
 SHOWN_S = 2.0
 """Time from one report of the progress to the next."""
 RECOVERING_S = 1.5
@@ -90,18 +96,20 @@ class Distiller:
         start: NetworkAgent | None = None,
         num_threads: int = 0,
     ):
-        torch.manual_seed(config.seed)
         self.config, self.folder, self.on_progress = config, folder, on_progress
         self.told = told = DistillConfig(**config.hyper)
         self.env = PushRecoveryVectorEnv(config.num_envs, config.env, num_threads)
         self.teachers = Teachers(read_teachers(told.teachers, folder, resume, num_threads), self.env)
         self.losses = np.zeros(len(told.teachers))
-        self.schedule, self.progress, self.interrupted = Schedule(config), Progress(), False
+        speed = partial(distilling_speed, config, folder, start, num_threads)
+        self.schedule = Schedule(config, budget_for(config, folder, speed, VALIDATION_S))
+        self.progress, self.interrupted = Progress(), False
         self.rng = np.random.default_rng(config.seed)
         past = config.past_observations, config.past_actions
+        torch.manual_seed(config.seed)
         self.student = Student(self.env, config.actor, *past, told.learning_rate)
         self.labels = LabelBuffer(told.buffer_size, len(self.student.normalise.mean), self.env.robot.num_joints)
-        self.kept = KeptPolicies(folder, validate=lambda policy: validate_graded(policy, num_threads))
+        self.kept = KeptPolicies(validate=lambda policy: validate_graded(policy, num_threads))
         self._deviation = np.linspace(*config.noise, config.num_envs)[:, None]
         self._drift = np.zeros((config.num_envs, self.env.robot.num_joints))
         self._owed = 0.0
@@ -118,10 +126,10 @@ class Distiller:
         Raises:
             KeyboardInterrupt: on Ctrl-C, after a checkpoint; a second Ctrl-C does not wait for it.
         """
+        if self.progress.share >= 1.0:
+            return
         self.schedule.start()
-        observations, _ = self.env.reset(seed=int(self.rng.integers(2**31)))
-        self.student.memory.reset(np.arange(self.env.num_envs))
-        self.teachers.begin(self._clear())
+        observations = self.begin()
         with deferred_interrupt(self._stop):
             self._learn(observations)
         if self.interrupted:
@@ -129,17 +137,29 @@ class Distiller:
             raise KeyboardInterrupt
         self.keep()
 
+    def begin(self) -> np.ndarray:
+        """Start every robot anew; returns their observations with noise (N, num_observations)."""
+        observations, _ = self.env.reset(seed=int(self.rng.integers(2**31)))
+        self.student.memory.reset(np.arange(self.env.num_envs))
+        self.teachers.begin(self._clear())
+        return observations
+
     def _learn(self, observations: np.ndarray) -> None:
         """Take policy steps until the budget is used up or a stop is asked for; validate and report meanwhile."""
-        kept = shown = time.monotonic()
+        saved = shown = time.monotonic()
+        looked_at = self.progress.steps
         while self.schedule.share < 1.0 and not self.interrupted:
             observations = self.step(observations)
             self.update_progress()
             now = time.monotonic()
-            if now - kept > VALIDATION_S:
+            before, looked_at = looked_at, self.progress.steps
+            if self.schedule.budget.is_due(before, looked_at):
                 self.keep()
-                kept = shown = time.monotonic()
-            elif now - shown > SHOWN_S and self.on_progress:
+                saved = shown = time.monotonic()
+            elif now - saved > CHECKPOINT_S:
+                self.checkpoint()
+                saved = time.monotonic()
+            if now - shown > SHOWN_S and self.on_progress:
                 shown = now
                 self.on_progress(self.progress)
 
@@ -188,7 +208,7 @@ class Distiller:
             "inherited": self.origin.record,
             "beyond": [dict(teacher.beyond) for teacher in self.teachers.teachers],
         }
-        self.folder.save_checkpoint(self.student.parameters(), state)
+        self.folder.save_checkpoint(self.student.parameters(), state, self.kept.files)
 
     def update_progress(self) -> None:
         """Bring the progress up to date."""
@@ -226,8 +246,25 @@ class Distiller:
     def _restore(self) -> None:
         parameters, state = self.folder.load_checkpoint()
         self.student.restore(parameters)
-        self.kept.best_score = state["best_score"]
+        self.kept = KeptPolicies(state["best_score"], self.folder.restore_files(), self.kept.validate)
         self.origin = Origin(state["inherited"])
         self.rng.bit_generator.state = state["generator"]
         self.progress.steps = state["steps"] - self.origin.num_steps
         self.schedule.seconds = self.progress.seconds = state["seconds"]
+        self.update_progress()
+
+
+def distilling_speed(
+    config: TrainConfig, folder: RunFolder, start: NetworkAgent | None, num_threads: int
+) -> dict[str, float]:
+    """Distil for some seconds, throw away what was learned, and return the speed of it, as `Budget.of` needs it."""
+    began = time.monotonic()
+    distiller = Distiller(dataclasses.replace(config, steps=_FOREVER), folder, False, None, start, num_threads)
+    observations = distiller.begin()
+    for _ in range(_WARM_UP):
+        observations = distiller.step(observations)
+    mark, steps, passed = time.monotonic(), distiller.progress.steps, 0.0
+    while passed < min(MEASURED_S, MEASURED_SHARE * 60.0 * config.minutes):
+        observations = distiller.step(observations)
+        passed = time.monotonic() - mark
+    return {SPEED: (distiller.progress.steps - steps) / passed, SPENT: time.monotonic() - began}

@@ -1,34 +1,41 @@
-"""Kept policies: the policies that a run leaves in its folder, and the validation by which the best one is told."""
+"""Kept policies: the policies and the learning curve of a run, and the validation by which the best one is told."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from surefoot.agents.network import NetworkAgent
-from surefoot.agents.policy_file import with_record
-from surefoot.learning.run_folder import KEPT, RunFolder
+from surefoot.agents.policy_file import SUFFIX, with_record
+from surefoot.learning.run_folder import BEST, CURVE, KEPT, LAST
 from surefoot.learning.validation import Validation, validate
 
 
 class KeptPolicies:
-    """The newest, the best and all validated policies of a run.
+    """The newest, the best and all validated policies of a run, and its learning curve.
+
+    They are held here; a checkpoint brings them onto the disk together with all else that belongs to them.
 
     Args:
-        folder: of the run.
-        best_score: of the best policy that it holds.
+        best_score: of the best policy so far.
+        files: name in the run folder -> content, of a run that goes on.
         validate: looks at a policy.
+
+    Attributes:
+        files: the same now. Of all validated policies it has the newest one only: the older ones are in the folder.
     """
 
     def __init__(
         self,
-        folder: RunFolder,
         best_score: float = -np.inf,
+        files: Mapping[str, bytes] | None = None,
         validate: Callable[[NetworkAgent], Validation] = validate,
     ):
-        self.folder = folder
         self.best_score = best_score
+        self.files = dict(files or {})
         self.validate = validate
 
     def add(self, data: bytes, row: Mapping[str, float], last_columns: Mapping[str, float]) -> Validation:
@@ -42,10 +49,21 @@ class KeptPolicies:
         found = self.validate(NetworkAgent(data, "validated"))
         # Version 0.1 had "probe" for "validation"; its readers still look for that.
         data = with_record(data, validation=found.record(), probe=found.record())
-        self.folder.save_policy("last", data)
-        self.folder.save_policy(f"{KEPT}/{row['minutes']:06.1f}", data)
+        best = self.files.get(BEST, data)
         if found.score > self.best_score:
-            self.best_score = found.score
-            self.folder.save_policy("best", data)
-        self.folder.append_curve({**row, **found.columns(), **last_columns})
+            self.best_score, best = found.score, data
+        curve = _with_row(self.files.get(CURVE, b""), {**row, **found.columns(), **last_columns})
+        name = f"{KEPT}/{row['minutes']:06.1f}{SUFFIX}"
+        self.files = {name: data, LAST: data, BEST: best, CURVE: curve}
         return found
+
+
+def _with_row(curve: bytes, row: Mapping[str, float]) -> bytes:
+    """Return a learning curve with one more row; a new one has the row's columns."""
+    known = curve.decode().partition("\n")[0].strip()
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, known.split(",") if known else list(row), restval="nan", extrasaction="ignore")
+    if not known:
+        writer.writeheader()
+    writer.writerow({key: f"{value:.6g}" for key, value in row.items()})
+    return curve + stream.getvalue().encode()

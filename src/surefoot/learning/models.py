@@ -31,6 +31,7 @@ def make_model(
         rng: of DDPG's exploration.
         learning_rate: a number, or what stable-baselines3 calls before every update.
     """
+    torch.set_num_threads(1)  # sums depend on their number; and with DDPG the other cores move the robots meanwhile
     make = _off_policy if config.algorithm == "ddpg" else _on_policy
     hyper = {**config.hyper, "learning_rate": learning_rate, "seed": config.seed, "device": "cpu"}
     networks = {"num_privileged": len(SIGNS) if config.privileged_critic else 0}
@@ -51,7 +52,6 @@ def _on_policy(
 def _off_policy(
     config: TrainConfig, venv: SB3VecEnv, rng: np.random.Generator, hyper: dict[str, Any], networks: dict[str, Any]
 ) -> BaseAlgorithm:
-    torch.set_num_threads(1)  # the other cores move the robots meanwhile
     networks |= {
         "net_arch": {"pi": list(config.actor), "qf": list(config.critic)},
         "optimizer_kwargs": {"fused": True},  # these networks are small: a loop over their weights costs more

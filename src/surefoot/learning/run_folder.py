@@ -1,22 +1,27 @@
-"""Run folder: what a training run leaves on disk, written so that an interrupt or a full disk loses nothing older.
+"""Run folder: what a training run leaves on disk, written so that a kill or a full disk loses nothing older.
 
+beginning.json   what the run began with, and the speed by which its minutes became policy steps
 config.json      the configuration
+checkpoint.npz   everything needed to go on (networks, optimisers, random generators; arrays and JSON, no pickle), and
+                 the newest content of the files below
 curve.csv        the learning curve: one row per validation
-checkpoint.npz   everything needed to go on: networks, optimisers, random generators (arrays and JSON, no pickle)
 best.onnx        the best policy by its validation
 last.onnx        the newest one
 kept/*.onnx      every policy that was validated, by its minute
 events.out...    TensorBoard logs
+
+The checkpoint is the one point of commit: what follows it in this list is written after it, from what it holds, and
+written again when the run goes on. So a best policy, its score and its row of the curve can never disagree.
 """
 
 from __future__ import annotations
 
-import csv
 import io
 import json
-import os
+import re
 import shutil
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +29,21 @@ import numpy as np
 import torch
 
 from surefoot.agents.policy_file import SUFFIX
+from surefoot.checks import parse_json, parse_json_table, read_text
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.curve import read_curve
+from surefoot.learning.whole_file import sweep, write_whole
 
 KEPT = "kept"
+BEST, LAST, CURVE = f"best{SUFFIX}", f"last{SUFFIX}", "curve.csv"
+_CONFIG, _BEGINNING, _CHECKPOINT = "config.json", "beginning.json", "checkpoint.npz"
 _JSON = "__json__"
-_RUN_FILES = ("config.json", "curve.csv", "best.onnx", "last.onnx")
+_FILE = "__file__/"
+_FILES = re.compile(rf"best\{SUFFIX}|last\{SUFFIX}|curve\.csv|{KEPT}/[0-9]+\.[0-9]\{SUFFIX}")
+"""Names of the files that a checkpoint may hold."""
+_BEGUN_FILES = (_CONFIG, _BEGINNING, CURVE, BEST, LAST, KEPT)
+MAX_CHECKPOINT_BYTES = 500_000_000
 
 
 class RunFolder:
@@ -44,23 +57,61 @@ class RunFolder:
         self.path = Path(path)
 
     @classmethod
-    def create(cls, path: str | Path, config: TrainConfig) -> RunFolder:
+    def create(cls, path: str | Path, config: TrainConfig, start: str = "") -> RunFolder:
         """Make a new folder.
+
+        Args:
+            path: of the folder.
+            config: of the run.
+            start: what the run begins with, if not with new networks.
 
         Raises:
             UserError: it exists already and holds something.
         """
         folder = cls(path)
-        if folder.path.exists() and (not folder.path.is_dir() or any(folder.path.iterdir())):
+        if folder.path.exists() and (not folder.path.is_dir() or folder._is_in_use()):
             raise UserError(f"{path} exists already; resume it with --resume, or give another --run")
         folder.path.mkdir(parents=True, exist_ok=True)
-        write_whole(folder.path / "config.json", config.to_json().encode())
+        folder.note(start=start)
+        write_whole(folder.path / _CONFIG, config.to_json().encode())
         return folder
+
+    @classmethod
+    def begin(cls, path: str | Path, config: TrainConfig, start: str = "") -> RunFolder:
+        """Make a new folder, or go on with one that the same command began.
+
+        Arguments are those of `create`.
+
+        Raises:
+            UserError: it holds a run of another configuration, or something that no training wrote.
+        """
+        folder = cls(path)
+        sweep(folder.path)
+        if not (folder.path / _CONFIG).exists():
+            return cls.create(path, config, start)
+        if not folder.is_of(config, start):
+            raise UserError(f"{path} was begun with other settings; resume it with --resume, or give another --run")
+        return folder
+
+    def _is_in_use(self) -> bool:
+        """Does it hold more than the first file of a run that was killed right after?"""
+        sweep(self.path)
+        return any(file.name != _BEGINNING for file in self.path.iterdir())
+
+    def is_of(self, config: TrainConfig, start: str = "") -> bool:
+        """Tell whether it was begun with this configuration and with this start, see `create`.
+
+        Raises:
+            UserError: the folder is not a run folder.
+        """
+        # As text, since the functions of extra reward terms do not come back from it.
+        told = parse_json(read_text(self.path / _CONFIG, "training configuration"), f"{self.path / _CONFIG}")
+        return told == json.loads(config.to_json()) and self.beginning().get("start", start) == start
 
     @property
     def has_checkpoint(self) -> bool:
         """Can a run go on from here?"""
-        return (self.path / "checkpoint.npz").exists()
+        return (self.path / _CHECKPOINT).exists()
 
     def config(self) -> TrainConfig:
         """Return the configuration.
@@ -68,58 +119,123 @@ class RunFolder:
         Raises:
             UserError: the folder is not a run folder.
         """
-        file = self.path / "config.json"
+        file = self.path / _CONFIG
+        if not file.exists():
+            raise UserError(f"{self.path} is not a run folder: cannot read {file.name}")
         try:
-            return TrainConfig.from_json(file.read_text())
-        except OSError as error:
-            raise UserError(f"{self.path} is not a run folder: cannot read {file.name}") from error
+            return TrainConfig.from_json(read_text(file, "training configuration"))
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise UserError(f"{file} cannot be read as a training configuration: {error}") from error
 
-    def save_checkpoint(self, parameters: dict[str, dict[str, Any]], state: dict[str, Any]) -> None:
-        """Keep SB3's `get_parameters()` and a JSON-able state."""
+    def beginning(self) -> dict[str, Any]:
+        """Return what the run began with, see `note`; nothing for a run of version 0.1.
+
+        Raises:
+            UserError: the file is damaged.
+        """
+        file = self.path / _BEGINNING
+        return parse_json_table(read_text(file, "beginning"), str(file)) if file.exists() else {}
+
+    def note(self, **entries: Any) -> None:
+        """Add to what is known of the run's beginning: "start", and the speed that was measured."""
+        write_whole(self.path / _BEGINNING, json.dumps({**self.beginning(), **entries}, indent=2).encode())
+
+    def save_checkpoint(
+        self, parameters: dict[str, dict[str, Any]], state: dict[str, Any], files: Mapping[str, bytes] | None = None
+    ) -> None:
+        """Keep SB3's `get_parameters()`, a JSON-able state and the run's files, all of them or none.
+
+        Args:
+            parameters: of the networks and optimisers.
+            state: all else that is needed to go on.
+            files: name in the folder -> content.
+
+        Raises:
+            UserError: it could not be written, a full disk for example.
+        """
         arrays: dict[str, np.ndarray] = {}
         skeleton = _take_arrays({"parameters": parameters, "state": state}, "", arrays)
-        buffer = io.BytesIO()
         arrays[_JSON] = np.array(json.dumps(skeleton))
+        files = files or {}
+        arrays |= {_FILE + name: np.frombuffer(data, np.uint8) for name, data in files.items()}
+        buffer = io.BytesIO()
         np.savez(buffer, allow_pickle=False, **arrays)
-        write_whole(self.path / "checkpoint.npz", buffer.getvalue())
+        write_whole(self.path / _CHECKPOINT, buffer.getvalue())
+        self._settle(files)
 
     def load_checkpoint(self) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
-        """What `save_checkpoint` kept.
+        """What `save_checkpoint` kept of parameters and state.
 
         Raises:
             UserError: there is no checkpoint, or it is damaged.
         """
-        file = self.path / "checkpoint.npz"
+        file = self.path / _CHECKPOINT
         try:
+            _check_archive(file)
             with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-                whole = _put_arrays(json.loads(str(arrays[_JSON])), arrays)
+                whole = _put_arrays(parse_json(str(arrays[_JSON]), "its JSON"), arrays)
             return whole["parameters"], whole["state"]
         except FileNotFoundError as error:
             raise UserError(f"{self.path} has no checkpoint to resume from") from error
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except _DAMAGE as error:
             raise UserError(f"{file} is damaged: {error}") from error
 
-    def save_policy(self, name: str, data: bytes) -> None:
-        """Keep a policy file under "best", "last" or `KEPT`/minute."""
-        file = self.path / f"{name}{SUFFIX}"
-        file.parent.mkdir(exist_ok=True)
-        write_whole(file, data)
+    def num_steps(self) -> int:
+        """Policy steps of this run until its checkpoint.
 
-    def append_curve(self, row: dict[str, float]) -> None:
-        """Add a row to the learning curve."""
-        file = self.path / "curve.csv"
-        new = not file.exists()
-        with file.open("a", newline="") as stream:
-            writer = csv.DictWriter(stream, fieldnames=list(row))
-            if new:
-                writer.writeheader()
-            writer.writerow({key: f"{value:.6g}" for key, value in row.items()})
+        Raises:
+            UserError: there is no checkpoint, or it is damaged.
+        """
+        return int(self._counted("steps")) - int(self._counted("inherited").get("policy_steps", 0))
+
+    def seconds(self) -> float:
+        """Time that this run has learned until its checkpoint [s]; errors are those of `num_steps`."""
+        return float(self._counted("seconds"))
+
+    def _counted(self, key: str) -> Any:
+        _, state = self.load_checkpoint()
+        return state.get(key, {})
+
+    def restore_files(self) -> dict[str, bytes]:
+        """Return the files that the checkpoint holds, after making the folder's own agree with them.
+
+        A checkpoint of version 0.1 holds none; the folder's own are then returned, without a row of the curve that a
+        kill cut short.
+
+        Raises:
+            UserError: the checkpoint is damaged.
+        """
+        file = self.path / _CHECKPOINT
+        try:
+            _check_archive(file)
+            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+                names = [name.removeprefix(_FILE) for name in arrays.files if name.startswith(_FILE)]
+                strange = [name for name in names if not _FILES.fullmatch(name)]
+                if strange:
+                    raise ValueError(f"it holds a file named '{strange[0][:60]}'")
+                files = {name: arrays[_FILE + name].astype(np.uint8).tobytes() for name in names}
+        except _DAMAGE as error:
+            raise UserError(f"{file} is damaged: {error}") from error
+        if not files:
+            files = {name: (self.path / name).read_bytes() for name in (BEST, LAST) if (self.path / name).exists()}
+            if (self.path / CURVE).exists():
+                files[CURVE] = _whole_rows((self.path / CURVE).read_bytes())
+        self._settle(files)
+        return files
+
+    def _settle(self, files: Mapping[str, bytes]) -> None:
+        """Make the folder's files those of a checkpoint."""
+        sweep(self.path)
+        sweep(self.path / KEPT)
+        for name, data in files.items():
+            file = self.path / name
+            file.parent.mkdir(exist_ok=True)
+            if not file.exists() or file.read_bytes() != data:
+                write_whole(file, data)
 
     def curve(self) -> list[dict[str, float]]:
         """The learning curve so far."""
-        file = self.path / "curve.csv"
+        file = self.path / CURVE
         return read_curve(file) if file.exists() else []
 
 
@@ -131,29 +247,36 @@ def discard_beginning(path: Path) -> None:
     """
     if not path.exists():
         return
-    strange = [f.name for f in path.iterdir() if f.name not in _RUN_FILES and not f.name.startswith((".", "events."))]
+    if not path.is_dir():
+        raise UserError(f"{path} exists already and is no folder; give another folder")
+    strange = [f.name for f in path.iterdir() if f.name not in _BEGUN_FILES and not f.name.startswith((".", "events."))]
     if strange:
         raise UserError(f"{path} holds {strange[0]}, which no training wrote; give another folder")
     shutil.rmtree(path)
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file such that the old one stays until the new one is safely there.
+_DAMAGE = (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, RecursionError, zipfile.BadZipFile)
+"""What reading a damaged checkpoint raises."""
 
-    Raises:
-        UserError: it could not be written, a full disk for example.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        raise UserError(f"cannot write {path}: {error.strerror or error}; what was there before is kept") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+
+def _check_archive(file: Path) -> None:
+    """Check that a checkpoint is a plain archive, which needs no more memory than its size on disk."""
+    if file.stat().st_size > MAX_CHECKPOINT_BYTES:
+        raise ValueError(f"it has more than {MAX_CHECKPOINT_BYTES:,} bytes")
+    with zipfile.ZipFile(file) as archive:
+        entries = archive.infolist()
+    if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries):
+        raise ValueError("it is compressed")
+    if sum(entry.file_size for entry in entries) > MAX_CHECKPOINT_BYTES:
+        raise ValueError(f"it holds more than {MAX_CHECKPOINT_BYTES:,} bytes")
+
+
+def _whole_rows(curve: bytes) -> bytes:
+    """The curve without a last row that was cut short."""
+    lines = curve.splitlines(keepends=True)
+    if lines and (not lines[-1].endswith(b"\n") or lines[-1].count(b",") != lines[0].count(b",")):
+        lines.pop()
+    return b"".join(lines)
 
 
 def _take_arrays(value: Any, path: str, arrays: dict[str, np.ndarray]) -> Any:

@@ -1,10 +1,11 @@
-"""Schedule: how much of its budget a run has used, and what changes with that."""
+"""Schedule: how much of its budget a run has used, and what changes with that, by policy steps alone."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
 
+from surefoot.learning.budget import Budget
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.validation import Validation
 
@@ -31,18 +32,20 @@ class Progress:
 
 
 class Schedule:
-    """The clock of a run.
+    """Where a run is.
 
     Args:
-        config: it has the budget, and what is left at the end of the learning rate and of the exploration.
+        config: it tells what is left at the end of the learning rate and of the exploration.
+        budget: of the run.
 
     Attributes:
-        seconds: since the run began, earlier sittings included.
+        seconds: since the run began, earlier sittings included; for records, nothing depends on it.
         share: of the budget used, 0 to 1.
     """
 
-    def __init__(self, config: TrainConfig):
+    def __init__(self, config: TrainConfig, budget: Budget):
         self.config = config
+        self.budget = budget
         self.seconds = 0.0
         self.share = 0.0
         self._began: float | None = None
@@ -55,7 +58,7 @@ class Schedule:
         """Bring seconds and share up to date after `num_steps` policy steps of this run."""
         if self._began is not None:
             self.seconds = time.monotonic() - self._began
-        self.share = budget_share(self.config, self.seconds, num_steps)
+        self.share = self.budget.share(num_steps)
 
     @property
     def position(self) -> float:
@@ -75,9 +78,3 @@ class Schedule:
     def _faded(self, final: float) -> float:
         """What is left now of something of which `final` is left at the end."""
         return 1.0 - (1.0 - final) * self.position
-
-
-def budget_share(config: TrainConfig, seconds: float, num_steps: int) -> float:
-    """Return the share of a run's budget that is used, 0 to 1: of its minutes or of its steps, whichever is larger."""
-    by_steps = num_steps / config.steps if config.steps else 0.0
-    return min(1.0, max(seconds / (60.0 * config.minutes), by_steps))

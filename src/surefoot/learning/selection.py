@@ -11,10 +11,11 @@ import numpy as np
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.policy_file import SUFFIX, mean_bytes, with_record
 from surefoot.errors import UserError
-from surefoot.learning.run_folder import KEPT, write_whole
+from surefoot.learning.run_folder import KEPT
 from surefoot.learning.stages import run_folders
 from surefoot.learning.suite_validation import validate_suite
 from surefoot.learning.validation import MAX_SCORE, Validation, validate
+from surefoot.learning.whole_file import write_whole
 
 FIRST_ROUND = 1
 """A training validates with round 0, by which its best policy was chosen already."""

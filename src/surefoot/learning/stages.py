@@ -11,16 +11,19 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
+from surefoot.checks import parse_json_table, read_text, shortened
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
-from surefoot.learning.run_folder import RunFolder, discard_beginning, write_whole
-from surefoot.learning.schedule import budget_share
-from surefoot.learning.train import OnProgress, train
+from surefoot.learning.run_folder import RunFolder
+from surefoot.learning.train import OnProgress, go_on, is_done
+from surefoot.learning.whole_file import sweep, write_whole
 
 STAGES_FILE = "stages.json"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,60}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,9 +48,7 @@ class Stage:
         folder = RunFolder(self.folder)
         if not folder.has_checkpoint:
             return False
-        _, state = folder.load_checkpoint()
-        num_steps = state["steps"] - state.get("inherited", {}).get("policy_steps", 0)
-        return budget_share(self.config, state["seconds"], num_steps) >= 1.0
+        return is_done(folder, self.config)
 
     def run(self, on_progress: OnProgress | None = None) -> None:
         """Learn this stage, from its checkpoint if there is one.
@@ -56,12 +57,9 @@ class Stage:
             UserError: its folder holds something else, or the stage before has not been learned.
             KeyboardInterrupt: on Ctrl-C, after a checkpoint.
         """
-        resume = RunFolder(self.folder).has_checkpoint
-        if not resume:
-            discard_beginning(self.folder)
         if self.start and not RunFolder(self.start).has_checkpoint:
             raise UserError(f"the stage before has not been learned: {self.start} has no checkpoint")
-        train(self.config, self.folder, resume, on_progress, None if resume else self.start)
+        go_on(self.config, self.folder, on_progress, self.start)
 
 
 def begin_stages(path: str | Path, configs: Mapping[str, TrainConfig]) -> list[Stage]:
@@ -75,6 +73,7 @@ def begin_stages(path: str | Path, configs: Mapping[str, TrainConfig]) -> list[S
         UserError: the folder holds something else, or stages with other configurations.
     """
     path = Path(path)
+    sweep(path)
     if (path / STAGES_FILE).exists():
         if {stage.name: stage.config for stage in read_stages(path)} != dict(configs):
             raise UserError(f"{path} was begun with other settings; go on with --resume {path}, or give another --run")
@@ -94,11 +93,14 @@ def read_stages(path: str | Path) -> list[Stage]:
         UserError: the folder's list of stages cannot be read.
     """
     file = Path(path) / STAGES_FILE
+    if not file.exists():
+        raise UserError(f"{path} is not a folder of stages: cannot read {file.name}")
     try:
-        told = json.loads(file.read_text())
+        told = parse_json_table(read_text(file, "list of stages"), str(file))
+        strange = [name for name in told if not _NAME.fullmatch(name)]
+        if strange or not told:
+            raise UserError(f"{file} must hold stages with plain names, not {shortened(list(told))}")
         configs = {name: TrainConfig.from_json(json.dumps(values)) for name, values in told.items()}
-    except OSError as error:
-        raise UserError(f"{path} is not a folder of stages: cannot read {file.name}") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise UserError(f"{file} cannot be read as a list of stages: {error}") from error
     folders = [file.parent / name for name in configs]

@@ -13,24 +13,29 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 
 from surefoot.agents.network import NetworkAgent
+from surefoot.errors import UserError
+from surefoot.learning.budget import budget_for
 from surefoot.learning.config import DAGGER, TrainConfig
 from surefoot.learning.distill import Distiller
 from surefoot.learning.interrupt import deferred_interrupt
 from surefoot.learning.kept_policies import KeptPolicies
 from surefoot.learning.learner import Learner
-from surefoot.learning.run_folder import RunFolder
+from surefoot.learning.run_folder import RunFolder, discard_beginning
 from surefoot.learning.schedule import Progress, Schedule
+from surefoot.learning.speed import learning_speed
 from surefoot.learning.standing import validation_for
 from surefoot.learning.training_record import training_record
 from surefoot.learning.warm_start import Origin, begin_with, warm_start
 from surefoot.task.environment import PushRecoveryVectorEnv
 
-VALIDATION_S = 30.0
-"""Time from one validation and checkpoint to the next."""
+CHECKPOINT_S = 30.0
+"""Time from one checkpoint to the next at most; there is one at each validation too."""
 LOG_S = 2.0
 """Time from one line of the log to the next."""
 OnProgress = Callable[[Progress], None]
 _FOREVER = 10**12
+_MISFIT = (KeyError, TypeError, ValueError, RuntimeError, AttributeError, IndexError, OverflowError)
+"""What it raises to restore networks and generators from values that are others'."""
 
 
 class Trainer:
@@ -45,7 +50,7 @@ class Trainer:
 
     Attributes:
         learner: robots, algorithm and averaged actor.
-        schedule: the clock.
+        schedule: how much of the budget is used.
         kept: the policies so far.
         origin: what the run began with.
         progress: where it is.
@@ -65,12 +70,15 @@ class Trainer:
         self.on_progress = on_progress
         self.progress = Progress()
         self.interrupted = False
-        self.schedule = Schedule(config)
+        self.schedule = Schedule(
+            config, budget_for(config, folder, lambda: learning_speed(config, _beginning_with(start)))
+        )
         self.learner = Learner(config, self.schedule.learning_rate)
-        self.kept = KeptPolicies(folder, validate=validation_for(config))
+        self.kept = KeptPolicies(validate=validation_for(config))
         self.origin = begin_with(self.learner, start) if start else Origin()
         if resume:
             self._restore()
+            self.update_progress()
 
     @property
     def model(self) -> BaseAlgorithm:
@@ -83,11 +91,13 @@ class Trainer:
         return self.learner.env
 
     def run(self) -> None:
-        """Learn until the budget is used up.
+        """Learn until the budget is used up; a run that has used it up is left as it is.
 
         Raises:
             KeyboardInterrupt: on Ctrl-C, after a checkpoint; a second Ctrl-C does not wait for it.
         """
+        if self.progress.share >= 1.0:
+            return
         self.model.set_logger(configure(str(self.folder.path), ["tensorboard"]))
         self.schedule.start()
         with deferred_interrupt(self._stop):
@@ -129,7 +139,7 @@ class Trainer:
             "held_until": self.origin.held_until,
             "inherited": self.origin.record,
         }
-        self.folder.save_checkpoint(self.model.get_parameters(), state)
+        self.folder.save_checkpoint(self.model.get_parameters(), state, self.kept.files)
 
     def policy_bytes(self) -> bytes:
         """Return the deterministic policy as a policy file."""
@@ -137,10 +147,13 @@ class Trainer:
 
     def _restore(self) -> None:
         parameters, state = self.folder.load_checkpoint()
-        self.learner.restore(parameters, state)
-        self.kept.best_score = state["best_score"]
-        self.origin = Origin(state.get("inherited", {}), state.get("held_until", 0))
-        self.schedule.seconds = self.progress.seconds = state["seconds"]
+        try:
+            self.learner.restore(parameters, state)
+            self.origin = Origin(state.get("inherited", {}), state.get("held_until", 0))
+            self.schedule.seconds = self.progress.seconds = float(state["seconds"])
+            self.kept = KeptPolicies(float(state["best_score"]), self.folder.restore_files(), self.kept.validate)
+        except _MISFIT as error:
+            raise UserError(f"the checkpoint in {self.folder.path} does not fit its configuration: {error}") from error
 
     def _stop(self) -> None:
         self.interrupted = True
@@ -157,8 +170,9 @@ class _Callback(BaseCallback):
     def __init__(self, trainer: Trainer):
         super().__init__()
         self.trainer = trainer
-        self._kept = self._logged = time.monotonic()
+        self._saved = self._logged = time.monotonic()
         self._logged_steps = trainer.model.num_timesteps
+        self._looked_at = trainer.progress.steps
         self._reward_sums: dict[str, float] = {}
         self._num_sums = 0
 
@@ -166,11 +180,15 @@ class _Callback(BaseCallback):
         trainer, now = self.trainer, time.monotonic()
         trainer.update_progress()
         trainer.advance()
-        if now - self._kept > VALIDATION_S:
+        before, self._looked_at = self._looked_at, trainer.progress.steps
+        if trainer.schedule.budget.is_due(before, self._looked_at):
             trainer.keep()
-            self._kept = self._logged = time.monotonic()
+            self._saved = self._logged = time.monotonic()
             self._logged_steps = self.model.num_timesteps
-        elif now - self._logged > LOG_S:
+        elif now - self._saved > CHECKPOINT_S:
+            trainer.checkpoint()
+            self._saved = time.monotonic()
+        if now - self._logged > LOG_S:
             self._log(now)
 
     def _on_step(self) -> bool:
@@ -205,27 +223,72 @@ def train(
     on_progress: OnProgress | None = None,
     start: str | Path | None = None,
 ) -> Trainer | Distiller:
-    """Run a training to its end, in a new folder or from the checkpoint of an old one.
+    """Run a training to its end: in a new folder, or in one that the same call began and that was interrupted.
 
     Args:
         config: what to learn.
         path: of the run folder.
-        resume: go on from the folder's checkpoint.
+        resume: go on with the folder's run, whose configuration may be another one: with a larger budget, for example.
         on_progress: called a few times a second.
-        start: a run folder whose networks a new run begins with, or a policy (a shipped one's name or a file). A
-            student begins with another student only: runs of other algorithms are its teachers.
+        start: a run folder whose networks a new run begins with, or a policy (a shipped one's name or a file). A run
+            that is resumed before its first checkpoint knows it. A student begins with another student only: runs of
+            other algorithms are its teachers.
 
     Raises:
         UserError: a folder or policy is not fit for it.
         KeyboardInterrupt: on Ctrl-C, after a checkpoint.
     """
-    begins_with = warm_start(config, start) if start else None
-    folder = RunFolder(path) if resume else RunFolder.create(path, config)
+    if resume:
+        folder = RunFolder(path)
+        start = start or folder.beginning().get("start")
+    begins_with = warm_start(config, start) if start and not RunFolder(path).has_checkpoint else None
+    if not resume:
+        folder = RunFolder.begin(path, config, _absolute(start))
     trainer: Trainer | Distiller
     if config.algorithm == DAGGER:
         assert not isinstance(begins_with, RunFolder)
-        trainer = Distiller(config, folder, resume, on_progress, begins_with)
+        trainer = Distiller(config, folder, folder.has_checkpoint, on_progress, begins_with)
     else:
-        trainer = Trainer(config, folder, resume, on_progress, begins_with)
+        trainer = Trainer(config, folder, folder.has_checkpoint, on_progress, begins_with)
     trainer.run()
     return trainer
+
+
+def go_on(
+    config: TrainConfig, path: str | Path, on_progress: OnProgress | None = None, start: str | Path | None = None
+) -> Trainer | Distiller:
+    """Run a training to its end, whatever an earlier call has left of it: nothing, a beginning, or a checkpoint.
+
+    Arguments and errors are those of `train`; a run with a checkpoint may have another configuration.
+    """
+    folder = RunFolder(path)
+    if not folder.has_checkpoint and not _is_beginning(folder, config, start):
+        discard_beginning(folder.path)
+    return train(config, path, folder.has_checkpoint, on_progress, start)
+
+
+def is_done(folder: RunFolder, config: TrainConfig) -> bool:
+    """Tell whether a run has used up the budget of a configuration."""
+    if not folder.has_checkpoint:
+        return False
+    try:
+        return budget_for(config, folder).share(folder.num_steps()) >= 1.0
+    except _MISFIT as error:
+        raise UserError(f"the checkpoint in {folder.path} is damaged: {error}") from error
+
+
+def _is_beginning(folder: RunFolder, config: TrainConfig, start: str | Path | None) -> bool:
+    """Tell whether a folder is one that the same training began."""
+    try:
+        return folder.is_of(config, _absolute(start))
+    except UserError:
+        return False
+
+
+def _absolute(start: str | Path | None) -> str:
+    """What a run begins with, so that it is found from any folder: a path, or the name of a shipped policy."""
+    return "" if start is None else str(Path(start).absolute() if Path(start).exists() else start)
+
+
+def _beginning_with(start: RunFolder | NetworkAgent | None) -> Callable[[Learner], object]:
+    return lambda learner: begin_with(learner, start) if start else None
