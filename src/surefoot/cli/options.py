@@ -50,6 +50,7 @@ LIMITS = {
 }
 """Option -> its valid numbers, the same for all commands that have it."""
 
+_ANY = Limit(-1e12, 1e12)
 MAX_FILM_PIXELS = 2_000_000_000
 """Of all pictures of a film together; a minute of 960 x 720 pixels at 25 pictures per second has half of that."""
 MAX_PICTURE_PIXELS = 100_000_000
@@ -81,7 +82,7 @@ def _check(option: str, value: Any) -> None:
     if isinstance(value, str | Path):
         check_path(name, value)
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        low, high, above = LIMITS[option]
+        low, high, above = LIMITS.get(option, _ANY)
         check_number(name, value, low, high, above=above, whole=isinstance(value, int))
 
 

@@ -99,7 +99,7 @@ def _read(file: Traversable, algorithm: str | None, name: str) -> TrainConfig:
         tables = tomllib.loads(file.read_text())
     except OSError as error:
         raise UserError(f"cannot read preset {file}: {error.strerror or error}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{file} is not a TOML file: {error}") from error
     if algorithm is None:
         (algorithm,) = tables
