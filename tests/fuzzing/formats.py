@@ -217,10 +217,7 @@ def a_checkpoint() -> bytes:
 
 def checkpoint_npz(rng: random.Random, folder: Path) -> None:
     data = a_checkpoint()
-    if rng.random() < 0.5:
-        data = damaged_bytes(rng, data)
-    else:
-        data = _rewritten(rng, data)
+    data = damaged_bytes(rng, data) if rng.random() < 0.5 else _rewritten(rng, data)
     (folder / "checkpoint.npz").write_bytes(data)
     run = RunFolder(folder)
     run.load_checkpoint()
@@ -273,7 +270,7 @@ def command_line(rng: random.Random, folder: Path) -> None:
     import tyro
 
     name = rng.choice(list(COMMANDS))
-    fields = [field for field in dataclasses.fields(COMMANDS[name])]
+    fields = list(dataclasses.fields(COMMANDS[name]))
     arguments = [name]
     for field in fields:
         if field.default is dataclasses.MISSING:

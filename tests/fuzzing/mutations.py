@@ -1,4 +1,4 @@
-"""Mutations: one damage after the other to bytes, to text, to nested values and to databases, all from one generator."""
+"""Mutations: one damage after the other to bytes, text, nested values and databases, from one generator."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ DEEP: Any = None
 for _ in range(600):
     DEEP = [DEEP]
 VALUES = (
-    None, True, False, -1, 0, 1, 2**32, 10**18, 10**30, 10**400, 1e308, float("inf"), float("nan"), -1e-300, 2.5, [], {},
-    [[]], [None] * 3, {"a": 1}, DEEP, *TEXTS,
+    None, True, False, -1, 0, 1, 2**32, 10**18, 10**30, 10**400, 1e308, float("inf"), float("nan"), -1e-300, 2.5, [],
+    {}, [[]], [None] * 3, {"a": 1}, DEEP, *TEXTS,
 )  # fmt: skip
 
 
