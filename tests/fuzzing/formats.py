@@ -272,9 +272,8 @@ def command_line(rng: random.Random, folder: Path) -> None:
     name = rng.choice(list(COMMANDS))
     fields = list(dataclasses.fields(COMMANDS[name]))
     arguments = [name]
-    for field in fields:
-        if field.default is dataclasses.MISSING:
-            arguments.append(rng.choice(("1", "x", *TEXTS[:4])))
+    needed = [field for field in fields if field.default is dataclasses.MISSING]
+    arguments += [rng.choice(("1", "x", *TEXTS[:4])) for _ in needed]
     for field in rng.sample(fields, min(3, len(fields))):
         value = rng.choice((*NUMBERS, *TEXTS))
         arguments.append(f"--{field.name.replace('_', '-')}={value}")
