@@ -17,6 +17,7 @@ from surefoot.cli.play import Play
 from surefoot.cli.replay import Replay
 from surefoot.cli.report import Pictures, Report, Table
 from surefoot.cli.reproduce import Reproduce
+from surefoot.cli.robot import CheckRobot
 from surefoot.cli.terminal import console
 from surefoot.cli.train import Ablate, Select, Train
 from surefoot.cli.video import Picture, Video
@@ -38,6 +39,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "play": Play,
     "video": Video,
     "picture": Picture,
+    "robot": CheckRobot,
 }
 
 

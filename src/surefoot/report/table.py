@@ -37,7 +37,8 @@ class Table:
             collapse_padding=True,
         )
         for i, column in enumerate(self.columns):
-            table.add_column(escape(column), justify="right" if i else "left")
+            # The names of the rows are not shortened before the other columns wrap.
+            table.add_column(escape(column), justify="right" if i else "left", no_wrap=not i)
         for row in self.rows:
             table.add_row(*map(escape, row))
         return table

@@ -80,7 +80,8 @@ class Description:
         floor: of the model, unless `own_floor` is given.
         own_floor: geom of the MJCF file that is the floor; otherwise planes in its world are removed.
         own_actuators: motors take what they do not say from the MJCF's position actuators.
-        symmetric: the robot must be its own mirror image, left and right exchanged.
+        symmetric: true if the robot must be its own mirror image, false if it need not; without it, one that is not
+            is told of and goes without a mirror.
         contacts: which shapes touch each other: one of `CONTACTS`.
         cone: shape of the friction cones, one of `CONES`; the MJCF's without it.
         impratio: stiffness of friction over that of the normal force, MuJoCo's option; the MJCF's without it.
@@ -102,7 +103,7 @@ class Description:
     floor: Floor = field(default_factory=Floor)
     own_floor: str = ""
     own_actuators: bool = False
-    symmetric: bool = True
+    symmetric: bool | None = None
     contacts: str = CONTACTS[0]
     cone: str = ""
     impratio: float | None = None
@@ -151,7 +152,7 @@ def read_description(file: Path) -> Description:
         floor=_floor(values.get("floor", {}), f"{file}: floor"),
         own_floor=values.get("own_floor", ""),
         own_actuators=values.get("own_actuators", False),
-        symmetric=values.get("symmetric", True),
+        symmetric=values.get("symmetric"),
         contacts=_one_of(values, "contacts", CONTACTS, file) or CONTACTS[0],
         cone=_one_of(values, "cone", CONES, file),
         impratio=values.get("impratio"),
@@ -209,6 +210,8 @@ def _motor(values: Any, where: str) -> Motor:
     for key, value in values.items():
         if not _is_number(value) or value < 0.0:
             raise UserError(f"{where}: {key} must be a number that is not negative, not {value}")
+        if key in ("torque", "speed") and value == 0.0:
+            raise UserError(f"{where}: {key} must be above 0, not {value}; a joint without a motor is held")
     return Motor(**{key: float(value) for key, value in values.items()})
 
 

@@ -64,7 +64,7 @@ def find_sole(model: mujoco.MjModel, foot: str, where: str) -> Sole:
     body = model.body(foot).id
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == body and _collides(model, g)]
     if not geoms:
-        raise UserError(f"{where}: the foot '{foot}' has no geom that can touch the floor")
+        raise UserError(f"{where}: feet: the body '{foot}' has no geom that can touch the floor")
     points = np.concatenate([_lowest_points(model, data, geom) for geom in geoms])
     points = points[points[:, 2] < points[:, 2].min() + FLAT]
     low, high = points.min(axis=0), points.max(axis=0)

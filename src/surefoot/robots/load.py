@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from surefoot.errors import UserError
+from surefoot.errors import UserError, notice
 from surefoot.robots.description import Description, lookup, read_description
 from surefoot.robots.geometry import Mirror, find_mirror, joint_groups, leg_length
 from surefoot.robots.model import DAMPING_COLUMN, STIFFNESS_COLUMN, add_sites, compile_model, read_spec
@@ -39,25 +39,38 @@ def load_robot(name: str | Path) -> Robot:
     Raises:
         UserError: there is no such robot, or its description or model is wrong; the message names what.
     """
+    return _load(_file(name), str(name))
+
+
+def describe(name: str | Path) -> Description:
+    """Read the description of a robot by its name or path, as `load_robot` takes it.
+
+    Raises:
+        UserError: there is no such robot, or its description is wrong.
+    """
+    return read_description(_file(name))
+
+
+def _file(name: str | Path) -> Path:
     if str(name) in shipped_robots():
         folder = Path(str(importlib.resources.files("surefoot.robots")))
-        return _load(folder / str(name) / f"{name}{SUFFIX}", str(name))
+        return folder / str(name) / f"{name}{SUFFIX}"
     path = Path(name)
     if path.suffix != SUFFIX:
         raise UserError(f"unknown robot '{name}'; valid: {', '.join(shipped_robots())}, or a description ({SUFFIX})")
-    return _load(path.resolve(), str(name))
+    return path.resolve()
 
 
 @functools.cache
 def _load(file: Path, name: str) -> Robot:
     description = read_description(file)
-    spec = read_spec(description)
+    spec, held = read_spec(description)
     left, _ = add_sites(spec, description)
     model = compile_model(spec.copy())
     joint_ids = model.actuator_trnid[:, 0]
     joints = tuple(model.joint(i).name for i in joint_ids)
     _check_ranges(model, joint_ids, file)
-    mirror = _mirror(model, joints, description)
+    mirror, is_symmetric = _mirror(model, joints, description)
     motor, mass, gravity = model.actuator_gainprm, float(model.body_mass.sum()), float(-model.opt.gravity[2])
     return Robot(
         name=name,
@@ -86,14 +99,23 @@ def _load(file: Path, name: str) -> Robot:
         mirror_source=mirror.source,
         mirror_sign=mirror.sign,
         body_mirror=mirror.bodies,
-        is_symmetric=description.symmetric,
+        is_symmetric=is_symmetric,
+        held_joints=held,
     )
 
 
-def _mirror(model: mujoco.MjModel, joints: Sequence[str], description: Description) -> Mirror:
-    if description.symmetric:
-        return find_mirror(model, joints, str(description.file))
-    return Mirror(np.arange(len(joints)), np.ones(len(joints)), {})
+def _mirror(model: mujoco.MjModel, joints: Sequence[str], description: Description) -> tuple[Mirror, bool]:
+    """The mirror, and whether there is one; without one, every joint and body is its own image."""
+    none = Mirror(np.arange(len(joints)), np.ones(len(joints)), {})
+    if description.symmetric is False:
+        return none, False
+    try:
+        return find_mirror(model, joints, str(description.file)), True
+    except UserError as error:
+        if description.symmetric:
+            raise
+        notice(f"{error} It learns without a mirror; symmetric = false in its description says so for good.")
+        return none, False
 
 
 def _check_ranges(model: mujoco.MjModel, joint_ids: np.ndarray, file: Path) -> None:

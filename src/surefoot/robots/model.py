@@ -25,8 +25,11 @@ _STALL = 10.0
 """Stall torque over the torque limit: the full torque lasts up to 90 % of the speed limit and is gone at the limit."""
 
 
-def read_spec(description: Description) -> mujoco.MjSpec:
+def read_spec(description: Description) -> tuple[mujoco.MjSpec, dict[str, float]]:
     """The MJCF file with the joints that are held welded, and nothing of its own that the description replaces.
+
+    Returns:
+        The model, and the held joints with their angles [rad].
 
     Raises:
         UserError: the file is no model, or lacks what the description names.
@@ -42,13 +45,13 @@ def read_spec(description: Description) -> mujoco.MjSpec:
     for element in (*spec.sensors, *spec.keys, *spec.actuators):
         spec.delete(element)
     _check_root(spec, description)
-    _weld_held_joints(spec, description)
+    held = _weld_held_joints(spec, description)
     _set_floor(spec, description)
     _set_contacts(spec, description)
     _add_motors(spec, description, own_motors)
     spec.option.timestep = CONTROL_DT
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    return spec
+    return spec, held
 
 
 def add_sites(spec: mujoco.MjSpec, description: Description) -> tuple[Sole, Sole]:
@@ -118,30 +121,33 @@ def _check_names(spec: mujoco.MjSpec, description: Description) -> None:
 def _check_root(spec: mujoco.MjSpec, description: Description) -> None:
     """The root floats: it has a free joint, which is added if the file has none."""
     root = spec.body(description.root)
+    if root.parent.name != "world":
+        raise UserError(
+            f"{description.file}: root: the body '{root.name}' hangs on '{root.parent.name}' and cannot float; "
+            f"name the outermost body"
+        )
     kinds = [joint.type for joint in root.joints]
     if not kinds:
         root.add_freejoint()
     elif kinds != [mujoco.mjtJoint.mjJNT_FREE]:
-        raise UserError(f"{description.file}: the root '{description.root}' must have a free joint and no other")
+        raise UserError(f"{description.file}: root: the body '{description.root}' must have a free joint and no other")
     if len([joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]) > 1:
-        raise UserError(f"{description.file}: only the root '{description.root}' may have a free joint")
+        raise UserError(f"{description.file}: root: only '{description.root}' may have a free joint")
 
 
-def _weld_held_joints(spec: mujoco.MjSpec, description: Description) -> None:
-    """Turn the body of every joint that has no motor by the joint's angle, and remove the joint."""
+def _weld_held_joints(spec: mujoco.MjSpec, description: Description) -> dict[str, float]:
+    """Turn the body of every joint that has no motor by the joint's angle, and remove the joint; the angles."""
     free = [
         joint for joint in spec.joints if joint.type not in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_HINGE)
     ]
     if free:
         raise UserError(f"{description.file}: joint '{free[0].name}' is neither a hinge nor the root's free joint")
-    held = [joint for joint in _hinges(spec) if description.motor(joint.name) is None]
-    if not held:
-        return
+    names = [joint.name for joint in _hinges(spec) if description.motor(joint.name) is None]
+    held = {name: lookup(description.held, name) or 0.0 for name in names}
     model = spec.compile()
-    names = [joint.name for joint in held]
-    for name in names:
+    for name, angle in held.items():
         joint = spec.joint(name)
-        body, angle = joint.parent, lookup(description.held, name) or 0.0
+        body = joint.parent
         turn, before, after = np.zeros(4), model.body(body.name).quat.copy(), np.zeros(4)
         mujoco.mju_axisAngle2Quat(turn, model.joint(name).axis, angle)
         mujoco.mju_mulQuat(after, before, turn)
@@ -152,6 +158,7 @@ def _weld_held_joints(spec: mujoco.MjSpec, description: Description) -> None:
             body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
         spec.delete(joint)
     _drop_dangling(spec, names)
+    return held
 
 
 def _drop_dangling(spec: mujoco.MjSpec, joints: list[str]) -> None:

@@ -56,7 +56,8 @@ class Robot:
         load_unit: unit of the foot forces in the observation [N].
         mirror_source, mirror_sign: a mirrored vector over the joints is ``mirror_sign * vector[mirror_source]``.
         body_mirror: body -> its mirror image.
-        is_symmetric: False if the description waives the mirror.
+        is_symmetric: False if the description waives the mirror, or the model is not its own mirror image.
+        held_joints: joint that is not controlled -> angle at which it is welded [rad].
     """
 
     name: str
@@ -86,6 +87,7 @@ class Robot:
     mirror_sign: np.ndarray
     body_mirror: dict[str, str]
     is_symmetric: bool = True
+    held_joints: dict[str, float] = field(default_factory=dict)
 
     @property
     def num_joints(self) -> int:
