@@ -183,7 +183,7 @@ def test_a_motor_without_a_speed_limit_is_named(copy: Path) -> None:
 
 def test_a_foot_without_a_shape_that_touches_is_named(copy: Path) -> None:
     change(copy, 'left = "foot_l"', 'left = "thigh_yaw_l"')
-    assert refusal(copy) == "tiptoe.toml: the foot 'thigh_yaw_l' has no geom that can touch the floor"
+    assert refusal(copy) == "tiptoe.toml: feet: the body 'thigh_yaw_l' has no geom that can touch the floor"
 
 
 @pytest.mark.parametrize(
@@ -197,14 +197,21 @@ def test_a_foot_without_a_shape_that_touches_is_named(copy: Path) -> None:
         ),
     ],
 )
-def test_a_lopsided_model_is_refused_unless_the_description_waives_the_mirror(
-    copy: Path, old: str, new: str, answer: str
+def test_a_lopsided_model_learns_without_a_mirror_and_says_so_unless_the_description_waives_or_asks_for_it(
+    copy: Path, old: str, new: str, answer: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     change(copy.parent / "tiptoe.xml", old, new)
-    assert answer in refusal(copy)
+    assert not load_robot(copy).is_symmetric
+    told = capsys.readouterr().err
+    assert answer in told
+    assert "learns without a mirror" in told
     waived = copy.parent / "waived.toml"
     waived.write_text("symmetric = false\n" + copy.read_text())
     assert not load_robot(waived).is_symmetric
+    assert capsys.readouterr().err == ""
+    asked = copy.parent / "asked.toml"
+    asked.write_text("symmetric = true\n" + copy.read_text())
+    assert answer in refusal(asked)
 
 
 def test_a_missing_mesh_is_named_in_one_line(copy: Path) -> None:

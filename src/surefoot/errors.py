@@ -8,6 +8,9 @@ import sys
 class UserError(ValueError):
     """Something a user gave is wrong: the message is one line that names the value and the valid ones."""
 
+    def __init__(self, message: str):
+        super().__init__(" ".join(message.splitlines()))
+
 
 def notice(text: str) -> None:
     """Write one line for the user to the standard error."""

@@ -35,6 +35,7 @@ LIMITS = {
     "end": Limit(-600.0, 600.0),
     "fps": Limit(0.0, 120.0, above=True),
     "impulse": Limit(0.0, 100_000.0, above=True),
+    "lever": Limit(-1.1, 1.0),
     "mean_minutes": Limit(0.0, 100_000.0, above=True),
     "minutes": Limit(0.0, 100_000.0, above=True),
     "port": Limit(0, 65_535),

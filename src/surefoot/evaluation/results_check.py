@@ -75,7 +75,11 @@ def check_only_tables(db: sqlite3.Connection, path: str | Path) -> None:
     Raises:
         UserError: there is a view, a trigger, a virtual table, or an index of somebody's own.
     """
-    for kind, name, sql, root in db.execute("SELECT type, name, sql, rootpage FROM sqlite_master"):
+    try:
+        objects = db.execute("SELECT type, name, sql, rootpage FROM sqlite_master").fetchall()
+    except UnicodeDecodeError as error:
+        raise UserError(f"cannot use {path} as a results table: a name in it is not UTF-8") from error
+    for kind, name, sql, root in objects:
         is_plain = (kind == "table" and root) or (kind == "index" and sql is None)
         if not is_plain:
             raise UserError(f"cannot use {path} as a results table: it has a {kind} '{str(name)[:60]}' of its own")

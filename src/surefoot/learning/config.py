@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
+from surefoot.checks import parse_json_table
 from surefoot.errors import UserError
 from surefoot.task.environment import EnvConfig, as_tuples
 from surefoot.task.reward import Term
@@ -115,7 +116,7 @@ class TrainConfig:
         Raises:
             ValueError, TypeError, KeyError: the text is not what `to_json` writes.
         """
-        values = _renamed(json.loads(text), OLD_KEYS)
+        values = _renamed(parse_json_table(text, "a configuration"), OLD_KEYS)
         env = _renamed(values["env"], OLD_ENV_KEYS)
         env["disturbance"] = _renamed(env["disturbance"], OLD_DISTURBANCE_KEYS)
         env["extra_terms"] = {

@@ -10,9 +10,14 @@ from __future__ import annotations
 
 import csv
 import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from surefoot.errors import UserError
+
+_PLOTTED = ("minutes", "steps", "recovered")
+"""Columns that every curve has."""
 
 
 def read_curve(path: str | Path) -> list[dict[str, float]]:
@@ -23,11 +28,20 @@ def read_curve(path: str | Path) -> list[dict[str, float]]:
     """
     try:
         with Path(path).open(newline="") as stream:
-            return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(stream)]
+            return [_numbers(row) for row in csv.DictReader(stream)]
     except OSError as error:
         raise UserError(f"cannot read {path}: {error.strerror or error}") from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, csv.Error) as error:
         raise UserError(f"{path} is not a learning curve: {error}") from error
+
+
+def _numbers(row: Mapping[str, str]) -> dict[str, float]:
+    """The numbers of a row; ValueError or TypeError for what is no row of a curve."""
+    numbers = {key: float(value) for key, value in row.items()}
+    wrong = [name for name in _PLOTTED if not math.isfinite(numbers.get(name, math.nan))]
+    if wrong:
+        raise ValueError(f"a row has no finite number for {wrong[0]}")
+    return numbers
 
 
 def read_curves(folder: str | Path) -> dict[str, list[list[dict[str, float]]]]:

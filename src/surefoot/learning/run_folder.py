@@ -29,7 +29,7 @@ import numpy as np
 import torch
 
 from surefoot.agents.policy_file import SUFFIX
-from surefoot.checks import parse_json, parse_json_table, read_text
+from surefoot.checks import is_number, parse_json, parse_json_table, read_text, shortened
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.curve import read_curve
@@ -174,6 +174,7 @@ class RunFolder:
             _check_archive(file)
             with file.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
                 whole = _put_arrays(parse_json(str(arrays[_JSON]), "its JSON"), arrays)
+            _check_counts(whole["state"])
             return whole["parameters"], whole["state"]
         except FileNotFoundError as error:
             raise UserError(f"{self.path} has no checkpoint to resume from") from error
@@ -186,15 +187,13 @@ class RunFolder:
         Raises:
             UserError: there is no checkpoint, or it is damaged.
         """
-        return int(self._counted("steps")) - int(self._counted("inherited").get("policy_steps", 0))
+        _, state = self.load_checkpoint()
+        return int(state["steps"] - state.get("inherited", {}).get("policy_steps", 0))
 
     def seconds(self) -> float:
         """Time that this run has learned until its checkpoint [s]; errors are those of `num_steps`."""
-        return float(self._counted("seconds"))
-
-    def _counted(self, key: str) -> Any:
         _, state = self.load_checkpoint()
-        return state.get(key, {})
+        return float(state["seconds"])
 
     def restore_files(self) -> dict[str, bytes]:
         """Return the files that the checkpoint holds, after making the folder's own agree with them.
@@ -255,8 +254,20 @@ def discard_beginning(path: Path) -> None:
     shutil.rmtree(path)
 
 
-_DAMAGE = (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, RecursionError, zipfile.BadZipFile)
+_DAMAGE = (
+    OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, EOFError, RecursionError, zipfile.BadZipFile,
+)  # fmt: skip
 """What reading a damaged checkpoint raises."""
+
+
+def _check_counts(state: Mapping[str, Any]) -> None:
+    """Check what is counted on from one session to the next; ValueError for anything but numbers."""
+    inherited = state.get("inherited", {})
+    if not isinstance(inherited, dict):
+        raise ValueError(f"inherited must be a table, not {shortened(inherited)}")
+    for name, value in {**state, **inherited}.items():
+        if name in ("steps", "seconds", "policy_steps", "minutes") and not is_number(value):
+            raise ValueError(f"{name} must be a number, not {shortened(value)}")
 
 
 def _check_archive(file: Path) -> None:

@@ -102,6 +102,8 @@ class Contract:
         Raises:
             UserError: this version of surefoot cannot honour the contract.
         """
+        if not isinstance(self.robot, str):
+            raise UserError(f"policy's robot must be a name, not {shortened(self.robot)}")
         check_path("policy's robot", self.robot)
         robot = load_robot(self.robot)
         if self.robot_fingerprint and self.robot_fingerprint != robot.fingerprint:

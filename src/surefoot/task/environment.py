@@ -24,6 +24,8 @@ NUM_STARTS = 512
 """A batch of at least an eighth as many robots draws its starts on the floor from so many poses that stand already,
 since standing up takes time. Fewer robots stand up anew at each reset."""
 
+_MAX_DEPTH = 20
+
 Schedule = tuple[tuple[float, float], ...]
 """Knots (share of the training done, value), linear between them."""
 
@@ -102,12 +104,18 @@ class EnvConfig:
         return cls(**as_tuples({**values, "disturbance": None}) | {"disturbance": disturbance})
 
 
-def as_tuples(value: Any) -> Any:
-    """Return nested lists and tables with tuples for the lists, as frozen configurations have them."""
+def as_tuples(value: Any, depth: int = 0) -> Any:
+    """Return nested lists and tables with tuples for the lists, as frozen configurations have them.
+
+    Raises:
+        ValueError: they are nested deeper than any configuration is.
+    """
+    if depth > _MAX_DEPTH:
+        raise ValueError(f"its lists and tables are nested deeper than {_MAX_DEPTH} times")
     if isinstance(value, list):
-        return tuple(as_tuples(item) for item in value)
+        return tuple(as_tuples(item, depth + 1) for item in value)
     if isinstance(value, dict):
-        return {key: as_tuples(item) for key, item in value.items()}
+        return {key: as_tuples(item, depth + 1) for key, item in value.items()}
     return value
 
 
