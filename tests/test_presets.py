@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from surefoot.cli.train import Train
 from surefoot.errors import UserError
 from surefoot.learning.config import DAGGER, HALF_LIFE_GAMMA, TrainConfig
 from surefoot.learning.preset_file import ALGORITHMS, old_stage, preset, stage_files
@@ -69,6 +70,12 @@ def test_the_stages_are_in_order() -> None:
         assert list(stage_files("best", algorithm)) == ["no-step", "student"]
         assert preset("best/no-step", algorithm).algorithm == "trpo"
         assert preset("best/student", algorithm).algorithm == DAGGER
+
+
+def test_the_folder_of_a_run_names_the_algorithm_unless_every_stage_has_its_own() -> None:
+    assert Train(preset="complete", algorithm="ppo", seed=2)._folder("complete") == Path("runs/complete-ppo-2")
+    assert Train(preset="complete", algorithm="ppo")._folder("complete/pushes") == Path("runs/complete-pushes-ppo-0")
+    assert Train(preset="best")._folder("best") == Path("runs/best-0")
 
 
 @pytest.mark.parametrize("file", [*SHIPPED.glob("*.toml"), *SHIPPED.glob("*/*.toml")], ids=lambda file: file.stem)

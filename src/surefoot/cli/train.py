@@ -106,7 +106,10 @@ class Train:
         return for_robot(config, self.robot or config.env.robot)
 
     def _folder(self, preset: str) -> Path:
-        name = f"{preset.replace('/', '-')}-{self.algorithm}-{self.seed}"
+        from surefoot.learning.preset_file import MIXED
+
+        algorithm = [] if preset.partition("/")[0] in MIXED else [self.algorithm]
+        name = "-".join([*preset.split("/"), *algorithm, str(self.seed)])
         return Path("runs") / (f"{Path(self.robot).stem}-{name}" if self.robot else name)
 
     def _budgeted(self, config: TrainConfig) -> TrainConfig:
