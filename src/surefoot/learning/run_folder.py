@@ -188,12 +188,17 @@ class RunFolder:
             UserError: there is no checkpoint, or it is damaged.
         """
         _, state = self.load_checkpoint()
-        return int(state["steps"] - state.get("inherited", {}).get("policy_steps", 0))
+        return int(self._count(state, "steps") - state.get("inherited", {}).get("policy_steps", 0))
 
     def seconds(self) -> float:
         """Time that this run has learned until its checkpoint [s]; errors are those of `num_steps`."""
         _, state = self.load_checkpoint()
-        return float(state["seconds"])
+        return float(self._count(state, "seconds"))
+
+    def _count(self, state: Mapping[str, Any], name: str) -> float:
+        if name not in state:
+            raise UserError(f"{self.path / _CHECKPOINT} is damaged: it does not say its {name}")
+        return float(state[name])
 
     def restore_files(self) -> dict[str, bytes]:
         """Return the files that the checkpoint holds, after making the folder's own agree with them.
