@@ -40,7 +40,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         (["train", "--algorithm", "sac"], "surefoot: unknown algorithm 'sac'; valid: trpo, ppo, ddpg"),
         (
             ["train", "--preset", "slow"],
-            "surefoot: unknown preset 'slow'; valid: paper, fast, complete, or a .toml file",
+            "surefoot: unknown preset 'slow'; valid: paper, fast, complete, best, or a .toml file",
         ),
         (["train", "--minutes", "-1"], "surefoot: minutes must be a number above 0 up to 100000, not -1.0"),
         (["train", "--minutes", "nan"], "surefoot: minutes must be a number above 0 up to 100000, not nan"),
@@ -83,7 +83,7 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         ),
         (
             ["evaluate", "nominal", "--suite", "papr"],
-            "surefoot: unknown suite 'papr'; valid: paper, robustness, or a scenario file (.toml)",
+            "surefoot: unknown suite 'papr'; valid: paper, robustness, ring, or a scenario file (.toml)",
         ),
         (
             ["evaluate", "nominal", "--suite", "knee.toml"],
@@ -129,11 +129,14 @@ def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard
 def test_directions_are_those_of_the_root_pushes_and_a_files_own_stay_as_they_stand(
     robot: Robot, tmp_path: Path
 ) -> None:
-    (paper,) = (scenario for scenario in chosen_scenarios("paper", 16, robot) if scenario.name == "root_push")
-    assert paper.directions == 16
-    assert [scenario.directions for scenario in chosen_scenarios("push", 8, robot)] == [8]
+    paper = {scenario.name: scenario.directions for scenario in chosen_scenarios("paper", 16, robot)}
+    turned = ("root_push", "root_push_no_step")
+    assert [paper[name] for name in turned] == [paper[f"{name}_within_limits"] for name in turned] == [16, 16]
+    assert paper["torso_push"] == 4
+    both = [(scenario.name, scenario.directions) for scenario in chosen_scenarios("push", 8, robot)]
+    assert both == [("root_push", 8), ("root_push_within_limits", 8)]
     (tmp_path / "s.toml").write_text('[[scenario]]\nname = "root_push"\nlatency = 0.02\n')
-    (own,) = chosen_scenarios(str(tmp_path / "s.toml"), 16, robot)
+    own, _ = chosen_scenarios(str(tmp_path / "s.toml"), 16, robot)
     assert (own.latency, own.directions) == (0.02, 4)
 
 
