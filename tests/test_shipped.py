@@ -10,8 +10,8 @@ from surefoot.learning.validation import validate
 
 pytestmark = pytest.mark.slow
 
-ROUNDING = 0.04
-"""Another processor rounds otherwise, and a trial near the edge may end otherwise: 5 of 120."""
+ROUNDING = 0.05
+"""The records are of protocol 1, whose trials begin otherwise, and another processor rounds otherwise: 6 of 120."""
 
 
 @pytest.mark.parametrize("name", shipped_policies())
