@@ -17,8 +17,8 @@ from surefoot.learning.run_folder import RunFolder
 MEASURED_S, MEASURED_SHARE = 10.0, 0.05
 """The measurement lasts so long [s], or this share of the minutes if that is shorter, and at least one update."""
 LASTING_SHARE = 0.85
-"""Share of the speed at its start that a run has in the mean, validations included: the median of the nine curves in
-results/curves, whose speed over all was 0.78 to 0.98 of that of their first minute."""
+"""Share of the speed at its start that a run has in the mean, validations included: about the median, 0.84, of the nine
+curves in results/curves, whose speed over all was 0.78 to 0.98 of that until their first row."""
 VALIDATION_S = 30.0
 """Time from one validation to the next, at the mean speed."""
 MIN_VALIDATION_STEPS = 10_000

@@ -97,6 +97,8 @@ class Trainer:
             KeyboardInterrupt: on Ctrl-C, after a checkpoint; a second Ctrl-C does not wait for it.
         """
         if self.progress.share >= 1.0:
+            if not self.kept.files:  # it was stopped before its first validation, and its budget has been lowered since
+                self.keep()
             return
         self.model.set_logger(configure(str(self.folder.path), ["tensorboard"]))
         self.schedule.start()
