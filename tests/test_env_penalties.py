@@ -8,10 +8,8 @@ import pytest
 from conftest import NO_PUSH, make_env
 
 from surefoot.errors import UserError
-from surefoot.learning.preset_file import preset
 from surefoot.physics.step_record import StepRecord
-from surefoot.task import gymnasium_env
-from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
+from surefoot.task.environment import PushRecoveryVectorEnv
 from surefoot.task.random_pushes import DisturbanceConfig
 from surefoot.task.reward import RewardContext, Term
 
@@ -185,11 +183,3 @@ def test_a_reward_term_of_ones_own_is_added_by_configuration() -> None:
     assert own.reward_means == {**plain.reward_means, "torso_height": pytest.approx(-0.2)}
     with pytest.raises(UserError, match="the reward has a term 'sway' already"):
         make(extra_terms={"sway": Term(torso_height, weight=0.4)})
-
-
-def test_gymnasium_makes_the_task_that_is_learned_in_minutes() -> None:
-    assert gymnasium_env.ENV_ID == "surefoot/PushRecovery-v0"  # that import makes it known
-    env = gym.make("surefoot/PushRecovery-v0").unwrapped
-    assert env.batch.config == preset("fast", "ddpg").env
-    other = EnvConfig("valkyrie", pose="straight")
-    assert gym.make("surefoot/PushRecovery-v0", config=other).unwrapped.batch.config == other

@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.policy_file import network_bytes
+from surefoot.environments.single import PushRecoveryEnv
 from surefoot.learning.actor import actor_network, network_layers
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import ExplorationNoise
@@ -24,7 +25,6 @@ from surefoot.learning.train import Trainer, train
 from surefoot.task import observation
 from surefoot.task.contract import Contract
 from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
-from surefoot.task.gymnasium_env import PushRecoveryEnv
 from surefoot.task.random_pushes import DisturbanceConfig
 
 pytestmark = pytest.mark.slow

@@ -345,4 +345,6 @@ def test_what_is_no_toml_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_an_unknown_suite_is_answered_with_the_known_ones(name: str) -> None:
     with pytest.raises(UserError) as error:
         suite(name)
-    assert str(error.value) == f"unknown suite '{name}'; valid: paper, robustness, ring, or a scenario file (.toml)"
+    assert (
+        str(error.value) == f"unknown suite '{name}'; valid: push, paper, robustness, ring, or a scenario file (.toml)"
+    )

@@ -1,3 +1,106 @@
-"""surefoot: learn, test and ship push-recovery policies for humanoid robots."""
+"""surefoot: teach humanoid robots to keep their balance when pushed, and measure how hard a push they survive.
 
-__version__ = "0.1.0"
+What a script needs is here, by the names in `__all__`. Each is loaded when it is first used, so that
+``import surefoot`` stays light. Where gymnasium is installed, the import also makes its environment known there:
+``gymnasium.make("surefoot/PushRecovery-v0")``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from typing import TYPE_CHECKING, Any
+
+from surefoot.version import __version__
+
+if TYPE_CHECKING:
+    from surefoot.agents.load import load_agent, load_policy, shipped_policies
+    from surefoot.environments.batch import PushRecoveryBatch
+    from surefoot.environments.single import PushRecoveryEnv
+    from surefoot.errors import UserError
+    from surefoot.evaluation.evaluate import evaluate
+    from surefoot.evaluation.outcome import Outcome
+    from surefoot.evaluation.scenarios import Scenario
+    from surefoot.evaluation.threshold_search import Threshold
+    from surefoot.evaluation.trials import Trial, run_trial
+    from surefoot.learning.config import TrainConfig
+    from surefoot.learning.preset_file import preset
+    from surefoot.learning.train import train
+    from surefoot.physics.pushes import Drop, Push, horizontal_push
+    from surefoot.rendering.film import save_video
+    from surefoot.rendering.recording import record
+    from surefoot.robots import Robot, load_robot, shipped_robots
+    from surefoot.task.environment import EnvConfig
+    from surefoot.task.random_pushes import DisturbanceConfig
+    from surefoot.task.reward import Term
+
+_HOMES = {
+    "agents.load": ("load_agent", "load_policy", "shipped_policies"),
+    "environments.batch": ("PushRecoveryBatch",),
+    "environments.single": ("PushRecoveryEnv",),
+    "errors": ("UserError",),
+    "evaluation.evaluate": ("evaluate",),
+    "evaluation.outcome": ("Outcome",),
+    "evaluation.scenarios": ("Scenario",),
+    "evaluation.threshold_search": ("Threshold",),
+    "evaluation.trials": ("Trial", "run_trial"),
+    "learning.config": ("TrainConfig",),
+    "learning.preset_file": ("preset",),
+    "learning.train": ("train",),
+    "physics.pushes": ("Drop", "Push", "horizontal_push"),
+    "rendering.film": ("save_video",),
+    "rendering.recording": ("record",),
+    "robots": ("Robot", "load_robot", "shipped_robots"),
+    "task.environment": ("EnvConfig",),
+    "task.random_pushes": ("DisturbanceConfig",),
+    "task.reward": ("Term",),
+}
+"""Module -> what of it stands here."""
+
+_MODULES = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "DisturbanceConfig",
+    "Drop",
+    "EnvConfig",
+    "Outcome",
+    "Push",
+    "PushRecoveryBatch",
+    "PushRecoveryEnv",
+    "Robot",
+    "Scenario",
+    "Term",
+    "Threshold",
+    "TrainConfig",
+    "Trial",
+    "UserError",
+    "__version__",
+    "evaluate",
+    "horizontal_push",
+    "load_agent",
+    "load_policy",
+    "load_robot",
+    "preset",
+    "record",
+    "run_trial",
+    "save_video",
+    "shipped_policies",
+    "shipped_robots",
+    "train",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'surefoot' has no attribute '{name}'; valid: {', '.join(__all__)}")
+    value = getattr(importlib.import_module(f"surefoot.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+if importlib.util.find_spec("gymnasium"):
+    importlib.import_module("surefoot.environments").register()

@@ -68,7 +68,13 @@ def shipped_policies() -> tuple[str, ...]:
 def load_policy(name: str | Path) -> NetworkAgent:
     """Read a policy that comes with the package, a policy file, or the best policy of a run folder.
 
-    "best" is the shipped policy that rejects most.
+    Args:
+        name: "best" (the shipped policy that rejects most), another shipped policy's name, the path of a policy file
+            (.onnx), or of a run folder.
+
+    Returns:
+        The policy: `contract` says what it observes and answers, `robot` whom it moves, and `actions(observations)`
+        runs its network.
 
     Raises:
         UserError: there is no such policy, or it is not one that this version can run.

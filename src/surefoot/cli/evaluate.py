@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -143,16 +143,9 @@ def chosen_scenarios(suite_name: str, num_directions: int, robot: Robot) -> list
     Raises:
         UserError: there is no such suite.
     """
-    from surefoot.evaluation.scenario_file import suite
-    from surefoot.evaluation.scenarios import Scenario, with_limits
+    from surefoot.evaluation import evaluate as evaluation
 
-    root = Scenario("root_push")
-    without_step = Scenario("root_push_no_step", without_step=True)
     if suite_name == robot.root:  # the suite's name until version 0.1
         say(f"--suite {suite_name} is now called --suite push")
-    if suite_name in ("push", robot.root):
-        found: Sequence[Scenario] = [root]
-    else:
-        found = suite(suite_name, robot)
-    turned = [replace(s, directions=num_directions) if s in (root, without_step) else s for s in found]
-    return with_limits(turned)
+        suite_name = "push"
+    return evaluation.chosen_scenarios(suite_name, num_directions, robot)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
+from surefoot.agents.load import load_agent
 from surefoot.evaluation.half_search import HalfSearch
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.protocol import PROTOCOL, protocol_for
 from surefoot.evaluation.results import Results
-from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario
+from surefoot.evaluation.scenario_file import suite as read_suite
+from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario, with_limits
 from surefoot.evaluation.threshold_search import FixedTrials, Threshold, ThresholdSearch, TrialRequest
 from surefoot.evaluation.trial_store import TrialStore
 from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
@@ -119,6 +123,55 @@ def evaluate_and_store(
     results.add_thresholds(agent, thresholds)
     results.add_scenarios(agent, scenarios, wall_s)
     return Evaluated(thresholds, store, wall_s)
+
+
+def evaluate(
+    agent: Agent | str,
+    suite: str | Sequence[Scenario] = "push",
+    directions: int = 4,
+    results: str | Path | None = None,
+    on_progress: OnProgress | None = None,
+) -> list[Threshold]:
+    """Find how hard a disturbance an agent survives, by the one definition of success (docs/method.md).
+
+    Args:
+        agent: a policy or a controller, or its name as `load_agent` takes it.
+        suite: "push", "paper", "robustness", "ring", a scenario file (.toml), or scenarios of your own, whose sizes
+            and directions stay as they are.
+        directions: number of evenly spaced directions of the pushes at the root.
+        results: results table (SQLite) to be filled; trials that it holds already are not run again. Without it
+            nothing is kept.
+        on_progress: told after every trial.
+
+    Returns:
+        The largest size that holds along each line that is searched, once with any joint speeds and once within the
+        joints' limits: `line.scenario.name`, `line.name` (the direction), `size` [Ns, m or deg], `recovered`, `trials`.
+
+    Raises:
+        UserError: there is no such agent or suite, or the results table cannot be used.
+    """
+    agent = load_agent(agent) if isinstance(agent, str) else agent
+    scenarios = chosen_scenarios(suite, directions, agent.robot) if isinstance(suite, str) else with_limits(suite)
+    if results is None:
+        return run_scenarios(agent, scenarios, None, on_progress)
+    with Results(results) as table:
+        return evaluate_and_store(agent, scenarios, table, on_progress).thresholds
+
+
+def chosen_scenarios(suite: str, directions: int, robot: Robot) -> list[Scenario]:
+    """Return the scenarios of a suite for a robot, each that is searched followed by its twin within the limits.
+
+    Args:
+        suite: its name, or a scenario file.
+        directions: of the pushes at the root, evenly spaced.
+        robot: that is tested.
+
+    Raises:
+        UserError: there is no such suite.
+    """
+    turned = (Scenario("root_push"), Scenario("root_push_no_step", without_step=True))
+    found = read_suite(suite, robot)
+    return with_limits([dataclasses.replace(s, directions=directions) if s in turned else s for s in found])
 
 
 def full_length_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:

@@ -26,7 +26,7 @@ from surefoot.evaluation.scenarios import DIRECTIONS, OLD_KEYS, ROOT, UNITS, Sce
 from surefoot.rates import CONTROL_HZ, POLICY_DT
 from surefoot.robots import Robot
 
-SUITE_NAMES = ("paper", "robustness", "ring")
+SUITE_NAMES = ("push", "paper", "robustness", "ring")
 """Suites that come with the package."""
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(Scenario))

@@ -7,13 +7,13 @@ import sqlite3
 import threading
 from pathlib import Path
 
-import surefoot
 from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.results_check import reading, using
 from surefoot.evaluation.results_schema import IS_KEY, OUTCOME_COLUMNS, Key, insert, outcome_of, outcome_values
 from surefoot.evaluation.trial_json import trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial
+from surefoot.version import __version__
 
 COMMIT_S = 0.4
 """What was written waits for at most this time before it is safe from a kill, whether or not more is written [s]."""
@@ -116,7 +116,7 @@ class TrialStore:
         drop = trial.drop.height if trial.drop else 0.0
         row = (
             None, *self._key, scenario, push.body, angle, push.impulse, drop, trial.seed, int(trial.full_length),
-            trial_to_json(trial), *outcome_values(outcome), surefoot.__version__,
+            trial_to_json(trial), *outcome_values(outcome), __version__,
         )  # fmt: skip
         try:
             insert(self._db, "trials", [row])

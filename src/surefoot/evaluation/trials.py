@@ -100,6 +100,19 @@ class _List(TrialSource):
         self.outcomes[trial] = outcome
 
 
+def run_trial(policy: Agent, trial: Trial) -> Outcome:
+    """Run a single trial.
+
+    Args:
+        policy: the agent that moves the robot.
+        trial: what happens to it: a push, a drop, noise, the ground.
+
+    Returns:
+        How it went: `recovered` and `reason`, then steps, strategies, and what was used of the joints' limits.
+    """
+    return run_list(policy, [trial], num_slots=1, domain=trial.domain)[trial]
+
+
 def run_list(policy: Agent, trials: Iterable[Trial], **options: Any) -> dict[Trial, Outcome]:
     """Run different trials, in any order; options are those of `run_trials`."""
     source = _List(trials)

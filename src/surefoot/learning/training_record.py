@@ -9,10 +9,10 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import surefoot
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.schedule import Progress
 from surefoot.learning.warm_start import Origin
+from surefoot.version import __version__
 
 
 def training_record(config: TrainConfig, progress: Progress, origin: Origin) -> dict[str, Any]:
@@ -25,7 +25,7 @@ def training_record(config: TrainConfig, progress: Progress, origin: Origin) -> 
         "minutes": round(progress.seconds / 60.0 + origin.minutes, 2),
         "cores": os.cpu_count(),
         "machine": platform.machine(),
-        "surefoot": surefoot.__version__,
+        "surefoot": __version__,
         "commit": _commit(),
     }
     return record | ({"after": origin.record} if origin.record else {})
@@ -34,7 +34,7 @@ def training_record(config: TrainConfig, progress: Progress, origin: Origin) -> 
 @functools.cache
 def _commit() -> str | None:
     """Return the commit of the checkout that this runs from; None for an installed package."""
-    folder = Path(surefoot.__file__).parent
+    folder = Path(__file__).parent
     command = ["git", "-C", str(folder), "describe", "--always", "--dirty"]
     try:
         told = subprocess.run(command, capture_output=True, text=True, check=True)

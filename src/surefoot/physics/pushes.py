@@ -38,7 +38,14 @@ class Push:
 
 
 def horizontal_push(body: str, angle_deg: float, impulse: float, duration: float = PUSH_DURATION) -> Push:
-    """A horizontal push at once; `angle_deg` counts counter-clockwise from forward (+x) [deg], `impulse` is in Ns."""
+    """Return a horizontal push that begins at once.
+
+    Args:
+        body: "root", or another pushable body of the robot.
+        angle_deg: of the direction, counter-clockwise from forward (+x): 90 pushes to the left [deg].
+        impulse: force x duration [Ns].
+        duration: how long the constant force acts [s].
+    """
     angle = np.radians(angle_deg)
     return Push(body, (float(np.cos(angle)), float(np.sin(angle)), 0.0), impulse, 0.0, duration)
 

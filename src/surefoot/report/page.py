@@ -9,7 +9,6 @@ from pathlib import Path
 
 import jinja2
 
-import surefoot
 from surefoot.errors import UserError
 from surefoot.evaluation.protocol import protocol_for
 from surefoot.evaluation.replay import check_setup, find_policy
@@ -21,6 +20,7 @@ from surefoot.report.page_tables import of_policy, side_by_side, versions_table
 from surefoot.report.table import Table
 from surefoot.report.thresholds import LATERAL, SAGITTAL, by_scenario, root_pushes, root_words, worse_of
 from surefoot.task.agent import Agent
+from surefoot.version import __version__
 
 MAX_SECTIONS = 4
 """With more policies than this, only the best of each algorithm has a section of its own."""
@@ -98,7 +98,7 @@ class Report:
             root=root_words(best.robot),
             cards=headline(best),
             protocol=protocol_for(best.robot),
-            version=surefoot.__version__,
+            version=__version__,
         )
 
     def markdown(self) -> str:

@@ -144,7 +144,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         "render_fps": POLICY_HZ,
     }
 
-    render_mode = None
+    render_mode: str | None = None
 
     def __init__(self, num_envs: int, config: EnvConfig, num_threads: int = 0):
         self.config = config
@@ -163,6 +163,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self._pays_posture = np.ones(num_envs, bool)
         self._heading = np.ones(num_envs, complex)
         self._noise = np.zeros(num_envs)
+        self._waiting = np.zeros(num_envs, bool)
         self._early_ends = EarlyEnds(self.robot, num_envs, config.foot_shift_limit, config.joint_speed_limit)
         self._privileged = PrivilegedObservation(self.robot, self.loop.nominal)
         self.set_progress(0.0)
@@ -203,6 +204,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         fast = np.flatnonzero(self._early_ends.too_fast(record))
         terminated[fast] |= self.generator.random(len(fast)) < self.speed_end_probability
         truncated = (self.loop.tick >= self.max_ticks) & ~terminated
+        terminated, truncated = terminated & ~self._waiting, truncated & ~self._waiting
         info: dict[str, Any] = {}
         done = terminated | truncated
         if done.any():
@@ -210,10 +212,13 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
             info = {"final_obs": observations.copy(), "_final_obs": done, "final_privileged": last}
             fallen = np.flatnonzero(terminated)
             self.random_pushes.fell(fallen, self.loop.tick[fallen])
-            ids = np.flatnonzero(done)
-            self._reset(ids)
-            observations[ids] = self.loop.observe(ids)
+            self._after_end(np.flatnonzero(done), observations)
         return observations, rewards, terminated, truncated, info
+
+    def _after_end(self, ids: np.ndarray, observations: np.ndarray) -> None:
+        """Start the next episodes of robots `ids` (n,), whose last ones have just ended."""
+        self._reset(ids)
+        observations[ids] = self.loop.observe(ids)
 
     def privileged_observation(self) -> np.ndarray:
         """What a critic may know beside the observation, and a policy may not: (N, 12) float64, `privileged.SIGNS`.

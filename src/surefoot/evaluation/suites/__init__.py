@@ -9,7 +9,7 @@ from surefoot.evaluation.scenarios import Scenario
 
 SUITES: dict[str, tuple[Scenario, ...]] = {name: suite(name) for name in SUITE_NAMES}
 """Name -> scenarios."""
-PAPER, ROBUSTNESS, RING = (SUITES[name] for name in SUITE_NAMES)
+PAPER, ROBUSTNESS, RING = (SUITES[name] for name in ("paper", "robustness", "ring"))
 
 _PAPER = {scenario.name: scenario for scenario in PAPER}
 
