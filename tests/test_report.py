@@ -175,6 +175,18 @@ def test_the_headline_is_the_best_policys_worse_sides(page: str) -> None:
     assert "report 240 and 78 Ns" in words
 
 
+def test_the_page_names_one_bound_and_says_the_definition_as_it_is(page: str, robot: Robot) -> None:
+    """The policies begin in the bent pose: 53 Ns forward, 59 backward, 90 to the sides."""
+    tables = _Reader(page).tables
+    bound = tables["Table I: largest rejected impulse [Ns]"][-1]
+    assert bound[:5] == ["no-step bound", "53", "90", "59", "90"]
+    of_one = next(rows for title, rows in tables.items() if title.startswith("Rejected impulse at the pelvis"))
+    assert [row[-1] for row in of_one[1:]] == ["53", "90", "59", "90"]
+    assert "equation (6)" not in page.replace("equation (6) of the paper", "")
+    assert "no smaller push gives way" not in " ".join(page.split())
+    assert "and at least 90 % of those with weaker pushes" in " ".join(page.split())
+
+
 def test_the_page_loads_nothing_and_is_small(page: str) -> None:
     reader = _Reader(page)
     assert reader.loads
@@ -187,6 +199,9 @@ def test_every_figure_has_its_numbers_behind_it(report: Report, page: str) -> No
     slugs = [figure.slug for section in report.sections for figure in section.figures if section.name == "nominal-bent"]
     assert slugs[:5] == ["success", "steps", "footprints", "motion", "support-foot"]
     assert [figure.slug for figure in report.comparison_figures] == ["table-1", "directions", "learning"]
+    assert report.comparison_figures[-1].caption.startswith(
+        "Share of 120 held-out pushes"
+    )  # 8 directions x 15 impulses
     figures = [*report.comparison_figures, *(f for section in report.sections for f in section.figures)]
     for figure in figures:
         assert figure.csv_uri in page
@@ -248,7 +263,7 @@ def test_results_of_one_fixed_scenario_make_a_page(tmp_path: Path, outcomes: dic
         store.put(scenario.lines()[0].fixed_trials()[0], outcomes["lateral_78"], "mine")
         results.add_scenarios(policy, [scenario], 1.0)
     text = make_report([tmp_path / "r.sqlite"], {}).html()
-    assert _Reader(text).tables["Legality audit"][1][:3] == ["mine", "1", "1"]
+    assert _Reader(text).tables["Use of the joints' limits"][1][:3] == ["mine", "1", "1"]
 
 
 # In a browser. The page is put into a frame of a phone's width, whose inside a page around it may look at.

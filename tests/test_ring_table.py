@@ -68,5 +68,5 @@ def test_several_robots_have_one_table_and_one_map_and_the_rest_is_of_the_first(
     titles = [table.title for table in side_by_side(evaluations)]
     assert titles[:2] == ["Robots and policies in the same ring", "Table I: largest rejected impulse [Ns]"]
     (table_1,) = [table for table in side_by_side(evaluations) if table.title.startswith("Table I:")]
-    assert len(table_1.rows) == 2  # the first robot's pose, and equation (6)
+    assert len(table_1.rows) == 2  # the first robot's pose, and the no-step bound
     assert [figure.slug for figure in comparison_figures(evaluations, {})] == ["ring", "table-1"]

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
+import numpy as np
 from conftest import TIPTOE
 
 from surefoot.agents.load import usual_robot
-from surefoot.report.targets import TARGETS, targets_for, targets_of, targets_table
+from surefoot.evaluation.results_export import read_thresholds
+from surefoot.report.targets import FIVE_MINUTES, TARGETS, first_table, targets_for, targets_of, targets_table
+from surefoot.report.thresholds import LATERAL, SAGITTAL, root_pushes, worse_of
 from surefoot.robots import load_robot
 
 FIGURES = {"root_push.directions": 4, "root_push.sagittal": 306.0, "root_push.lateral": 240.0}
@@ -54,3 +58,19 @@ def test_another_robot_is_held_to_the_same_cells_of_its_own_grid_and_not_to_the_
     # 1.5 m x 0.455 m / 0.986129 m.
     assert lines["landing, height"].value == 0.6921
     assert targets_for(usual_robot(), "ppo") == targets_of("ppo")
+
+
+def test_a_policy_of_a_few_minutes_is_set_beside_the_paper_and_beside_five_minutes() -> None:
+    table = first_table("demo", "ddpg", 3.0, FIGURES)
+    assert table.columns == ("hardest push [Ns]", "demo, 3 min", "five minutes", "the paper")
+    assert table.rows[0] == ("forward or backward", "306", "234 (210 to 300)", "75")
+    assert table.rows[1] == ("to the left or right", "240", "282 (276 to 300)", "160")
+    assert "no" not in [cell for row in table.rows for cell in row]
+
+
+def test_what_five_minutes_give_is_what_the_committed_table_of_seeds_says() -> None:
+    committed = read_thresholds(Path(__file__).parent.parent / "results" / "seeds.csv")
+    seeds = [root_pushes(found) for name, found in committed.items() if name.startswith("ddpg")]
+    for plane, directions in (("sagittal", SAGITTAL), ("lateral", LATERAL)):
+        sizes = [worse_of(pushes, directions).size for pushes in seeds]
+        assert FIVE_MINUTES[plane] == (min(sizes), float(np.median(sizes)), max(sizes))

@@ -42,7 +42,7 @@ class Demo:
             raise
         agent = load_agent(str(out))
         pushes = chosen_scenarios("push", 4, agent.robot)
-        evaluate_agent(agent, pushes, out / "results.sqlite", Console(), out / "thresholds.csv")
+        evaluate_agent(agent, pushes, out / "results.sqlite", Console(), out / "thresholds.csv", self.minutes)
         Pictures(out / "thresholds.csv", out, str(out), out).main()
 
 

@@ -71,7 +71,12 @@ class Evaluate:
 
 
 def evaluate_agent(
-    agent: Agent, scenarios: Sequence[Scenario], path: Path, output: Console, export: Path | None = None
+    agent: Agent,
+    scenarios: Sequence[Scenario],
+    path: Path,
+    output: Console,
+    export: Path | None = None,
+    learned_minutes: float | None = None,
 ) -> dict[str, float]:
     """Run, print and keep some scenarios of one agent.
 
@@ -81,6 +86,8 @@ def evaluate_agent(
         path: of the results table.
         output: where the tables are printed.
         export: a file for all thresholds of the results table.
+        learned_minutes: of a policy that has only begun to learn: it is set beside others of that age, and not beside
+            the lines to beat.
 
     Returns:
         Its metrics.
@@ -106,7 +113,7 @@ def evaluate_agent(
         metrics = flat_metrics(done.thresholds, fixed, results.audit(agent), robot, pose, done.wall_s)
     if timing:
         metrics |= timing_metrics(timing)
-    _print_tables(agent, done, fixed, timing, metrics, robot, output)
+    _print_tables(agent, done, fixed, timing, metrics, output, learned_minutes)
     return metrics
 
 
@@ -116,18 +123,22 @@ def _print_tables(
     fixed: Fixed,
     timing: Timing | None,
     metrics: dict[str, float],
-    robot: Robot,
     output: Console,
+    learned_minutes: float | None,
 ) -> None:
     """Print every table that an evaluation fills, and what it reaches of the targets."""
     from surefoot.report.policy_tables import all_tables
-    from surefoot.report.targets import targets_table
+    from surefoot.report.targets import first_table, targets_table
     from surefoot.report.thresholds import median_steps
     from surefoot.report.timing_table import timing_table
 
-    steps = median_steps(done.thresholds, done.store)
+    steps, robot = median_steps(done.thresholds, done.store), agent.robot
     tables = all_tables(agent, done.thresholds, fixed, steps, robot)
-    tables.append(targets_table(agent.name, agent.contract.training.get("algorithm", ""), metrics, robot))
+    algorithm = agent.contract.training.get("algorithm", "")
+    if learned_minutes is None:
+        tables.append(targets_table(agent.name, algorithm, metrics, robot))
+    else:
+        tables.append(first_table(agent.name, algorithm, learned_minutes, metrics))
     if timing:
         tables.append(timing_table({agent.name: timing}))
     for table in tables:

@@ -19,6 +19,7 @@ NUM_DIRECTIONS = 8
 SPACING = 6
 """Cells of the grid from one impulse to the next: 36 Ns for the paper's robot."""
 NUM_IMPULSES = 15
+NUM_PUSHES = NUM_DIRECTIONS * NUM_IMPULSES
 QUIET_CELL = 17
 """The whole trials that show how quietly a policy stands afterwards: 102 Ns in every direction for
 the paper's robot."""

@@ -1,4 +1,4 @@
-"""Bounds: what equation (6) of the paper, a point mass over fixed feet, lets a robot reject without a step."""
+"""Bounds: the no-step bound, equation (6) of the paper: what a point mass over fixed feet can reject."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from surefoot.robots import Robot
 
 
 def capture_point_bound(robot: Robot, pose: str | np.ndarray, angles: Sequence[float]) -> list[float]:
-    """Equation (6) on this robot [Ns]: what its sole and CoM allow without a step, per direction [rad].
+    """Return the no-step bound of this robot [Ns]: what its soles and its CoM allow without a step, per direction.
 
     Args:
         robot: whose mass, sole and CoM count.
@@ -35,7 +35,12 @@ def capture_point_bound(robot: Robot, pose: str | np.ndarray, angles: Sequence[f
     ]
 
 
+def main_bounds(robot: Robot) -> list[float]:
+    """Return the no-step bound in the robot's default pose, forward, left, backward and right [Ns]."""
+    return capture_point_bound(robot, robot.default_pose, list(DIRECTIONS.values()))
+
+
 def worse_bounds(robot: Robot) -> tuple[float, float]:
-    """Equation (6) in the paper's straight pose: the worse sagittal and the worse lateral direction [Ns]."""
-    forward, left, backward, right = capture_point_bound(robot, "straight", list(DIRECTIONS.values()))
+    """Return the same of the worse sagittal and the worse lateral direction [Ns]."""
+    forward, left, backward, right = main_bounds(robot)
     return min(forward, backward), min(left, right)

@@ -12,6 +12,7 @@ from surefoot.evaluation.replay import differences
 from surefoot.evaluation.scenarios import limited_name
 from surefoot.evaluation.suites import SINGLE
 from surefoot.evaluation.trials import Trial
+from surefoot.learning.validation import NUM_PUSHES
 from surefoot.rendering.strip import filmstrip
 from surefoot.rendering.words import push_words
 from surefoot.report import paper, result_pictures
@@ -74,8 +75,8 @@ def policy_figures(evaluation: Evaluation, policy: Agent | None) -> tuple[list[F
 
 def _bars(evaluations: Sequence[Evaluation]) -> Figure:
     rows = [result_pictures.bar_row(e.name, e.thresholds) for e in evaluations]
-    equation = paper.TABLE_1["equation (6)"]
-    rows.append(BarRow("equation (6)", *worse_bounds(evaluations[0].robot), *equation))
+    equation = paper.TABLE_1[paper.NO_STEP_BOUND]
+    rows.append(BarRow(paper.NO_STEP_BOUND, *worse_bounds(evaluations[0].robot), *equation))
     data = [
         [row.name, round(row.sagittal, 1), row.paper_sagittal, round(row.lateral, 1), row.paper_lateral] for row in rows
     ]
@@ -92,13 +93,13 @@ def _bars(evaluations: Sequence[Evaluation]) -> Figure:
 
 def _polar_map(evaluations: Sequence[Evaluation]) -> Figure:
     points = {e.name: [(t.line.angle, t.size) for t in root_pushes(e.thresholds).values()] for e in evaluations}
-    bound = _bound(evaluations[0], "straight")
+    bound = _bound(evaluations[0], evaluations[0].robot.default_pose)
     data = [[name, round(float(np.degrees(a)), 2), ns] for name, several in points.items() for a, ns in several]
     return Figure(
         "directions",
         "Rejected impulse by direction",
-        f"Pushes at the {root_words(evaluations[0].robot)}, forward up. Dashed: equation (6) of the paper, what a point"
-        " mass over fixed feet can reject, in the straight pose.",
+        f"Pushes at the {root_words(evaluations[0].robot)}, forward up. Dashed: the no-step bound, what a point mass"
+        f" over fixed feet can reject, in the pose {evaluations[0].robot.default_pose}.",
         [["policy", "direction [deg]", "rejected impulse [Ns]"], *data],
         alone=True,
         **drawn(lambda path: polar_map(points, bound, path, title="")),
@@ -135,8 +136,8 @@ def _learning_curves(curves: Curves) -> Figure:
     return Figure(
         "learning",
         "Learning curves",
-        "Share of 96 held-out pushes recovered while learning: mean over the seeds, and a band from the lowest to the"
-        " highest.",
+        f"Share of {NUM_PUSHES} held-out pushes recovered while learning: mean over the seeds, and a band from the"
+        " lowest to the highest.",
         [["algorithm", "run", "minutes", "policy steps", "recovered"], *data],
         wide=True,
         **drawn(lambda path: learning_curves(curves, path)),
@@ -152,7 +153,7 @@ def _success_map(e: Evaluation) -> Figure:
         f"Which pushes at the {root_words(e.robot)} it survives",
         f"{len(pushes)} directions, forward up; {PROTOCOL.num_screening} short trials in each cell of"
         f" {pushes[0].line.grid:g} Ns, {PROTOCOL.num_full_length} of full length where it was close. Blank: not"
-        " searched. Dashed: equation (6) in the policy's nominal pose.",
+        " searched. Dashed: the no-step bound in the policy's nominal pose.",
         [["direction", "impulse [Ns]", "recovered", "trials"], *data],
         alone=True,
         **drawn(lambda path: success_map(e.cells, pushes, _bound(e, pose), path)),

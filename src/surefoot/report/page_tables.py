@@ -137,7 +137,7 @@ def robustness_table(thresholds: Sequence[Threshold], robot: Robot) -> Table:
 
 
 def audit_table(evaluation: Evaluation) -> Table:
-    """Legality audit: every trial of every scenario, how it ended and what it used of the limits."""
+    """Joint limits: every trial of every scenario, how it ended and what it used of the joints' limits."""
     counts = ("trials", "recovered", "fell", "restless", "tilted", "diverged", "controller")
     shares = ("torque_recovered", "speed_recovered", "torque", "speed")
     rows = [
@@ -152,10 +152,10 @@ def audit_table(evaluation: Evaluation) -> Table:
     note = (
         "Every trial that was run, most of them near the limit of what is recovered; one that two scenarios share is"
         " counted at the first. Controller: it failed by itself. Torque and speed: largest share of a joint's limit"
-        " that a recovered trial used, and that any trial used, falls included. No torque exceeds its limit; a speed"
-        " may where the outside drives a joint, since at its speed limit a motor only stops pushing."
+        " that a recovered trial used, and that any trial used, falls included. Torques never exceed their limits."
+        " Joint speeds can, when a push or an impact drives the joint."
     )
-    return Table("Legality audit", columns, rows, note)
+    return Table("Use of the joints' limits", columns, rows, note)
 
 
 def versions_table(evaluations: Sequence[Evaluation]) -> Table:

@@ -12,11 +12,14 @@ class AlgorithmRow(NamedTuple):
     lateral: float
 
 
+NO_STEP_BOUND = "no-step bound"
+"""What the tables call equation (6) of the paper: a point mass over fixed feet."""
+
 TABLE_1 = {
     "trpo": AlgorithmRow(240.0, 78.0),
     "ddpg": AlgorithmRow(75.0, 160.0),
     "ppo": AlgorithmRow(192.0, 36.0),
-    "equation (6)": AlgorithmRow(53.0, 78.0),
+    NO_STEP_BOUND: AlgorithmRow(53.0, 78.0),
 }
 """Largest rejected impulses. Captioned "without taking steps", yet the text counts eight steps for the 240 Ns."""
 

@@ -10,7 +10,7 @@ from surefoot.evaluation.outcome import Outcome, joint_groups
 from surefoot.evaluation.scenarios import DIRECTIONS, direction_of
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.report import paper
-from surefoot.report.bounds import capture_point_bound, worse_bounds
+from surefoot.report.bounds import main_bounds, worse_bounds
 from surefoot.report.table import Table
 from surefoot.report.thresholds import LATERAL, SAGITTAL, Fixed, by_scenario, has_main_directions, root_pushes, worse_of
 from surefoot.robots import Robot
@@ -35,13 +35,12 @@ def table_1(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
                 f"{row.lateral:.0f}" if row else "",
             ]
         )
-    bound = paper.TABLE_1["equation (6)"]
-    bounds = capture_point_bound(robot, "straight", list(DIRECTIONS.values()))
+    bound = paper.TABLE_1[paper.NO_STEP_BOUND]
     sagittal_bound, lateral_bound = worse_bounds(robot)
     rows.append(
         [
-            "equation (6)",
-            *(f"{b:.0f}" for b in bounds),
+            paper.NO_STEP_BOUND,
+            *(f"{b:.0f}" for b in main_bounds(robot)),
             f"{sagittal_bound:.0f}",
             f"{bound.sagittal:.0f}",
             f"{lateral_bound:.0f}",
@@ -49,7 +48,10 @@ def table_1(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
         ]
     )
     columns = ["", *DIRECTIONS, "sagittal", "paper", "lateral", "paper"]
-    note = "Sagittal and lateral: the worse of the two directions. Equation (6): the paper's straight pose."
+    note = (
+        "Sagittal and lateral: the worse of the two directions. No-step bound: what a point mass over fixed feet can"
+        f" reject, equation (6) of the paper; in the pose {robot.default_pose}."
+    )
     return Table("Table I: largest rejected impulse [Ns]", columns, rows, note)
 
 

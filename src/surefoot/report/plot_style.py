@@ -75,7 +75,7 @@ def draw_bound(axes: PolarAxes, bound: Sequence[Point], fill: bool = True) -> No
     angles, impulses = closed(bound)
     if fill:
         axes.fill(angles, impulses, color=PALE, alpha=0.8, lw=0)
-    axes.plot(angles, impulses, color=INK, lw=1.6, ls=(0, (5, 3)), label="equation (6), no step")
+    axes.plot(angles, impulses, color=INK, lw=1.6, ls=(0, (5, 3)), label="no-step bound")
 
 
 def closed(points: Sequence[Point]) -> tuple[np.ndarray, np.ndarray]:

@@ -30,13 +30,13 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
         policies: thresholds at the root by the policy's name; the four main directions must be among them.
     """
     rows = [bar_row(name, thresholds) for name, thresholds in policies.items()]
-    equation = paper.TABLE_1["equation (6)"]
+    equation = paper.TABLE_1[paper.NO_STEP_BOUND]
     sagittal, lateral = worse_bounds(robot)
-    rows.append(BarRow("equation (6)", sagittal, lateral, equation.sagittal, equation.lateral))
+    rows.append(BarRow(paper.NO_STEP_BOUND, sagittal, lateral, equation.sagittal, equation.lateral))
     bars, polar = folder / "bars.png", folder / "polar.png"
     bars_beside_paper(rows, bars)
     angles = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False).tolist()
-    bound = list(zip(angles, capture_point_bound(robot, "straight", angles), strict=True))
+    bound = list(zip(angles, capture_point_bound(robot, robot.default_pose, angles), strict=True))
     points = {
         name: [(t.line.angle, t.size) for t in root_pushes(thresholds).values()]
         for name, thresholds in policies.items()

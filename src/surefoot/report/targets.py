@@ -94,6 +94,34 @@ def targets_for(robot: Robot, algorithm: str) -> tuple[Target, ...]:
     )
 
 
+FIVE_MINUTES = {"sagittal": (210.0, 234.0, 300.0), "lateral": (276.0, 282.0, 300.0)}
+"""What five minutes of `surefoot train` give on two cores, by plane: the lowest, median and highest of three seeds of
+DDPG [Ns]; the worse of the plane's two directions, from results/seeds.csv."""
+
+
+def first_table(name: str, algorithm: str, minutes: float, metrics: Mapping[str, float]) -> Table:
+    """What a policy of a few minutes reaches, beside the paper's policy and beside five minutes of learning.
+
+    Args:
+        name: of the policy.
+        algorithm: which learned it.
+        minutes: for how long.
+        metrics: with `root_push.sagittal` and `root_push.lateral`.
+    """
+    theirs = paper.TABLE_1.get(algorithm, paper.TABLE_1["trpo"])
+    rows = []
+    for plane, words in (("sagittal", "forward or backward"), ("lateral", "to the left or right")):
+        low, median, high = FIVE_MINUTES[plane]
+        usual = f"{median:g} ({low:g} to {high:g})" if algorithm == "ddpg" else ""
+        rows.append((words, f"{metrics[f'root_push.{plane}']:g}", usual, f"{getattr(theirs, plane):g}"))
+    columns = ("hardest push [Ns]", f"{name}, {minutes:g} min", "five minutes", "the paper")
+    note = (
+        "The worse of the two directions. Five minutes: DDPG on two free cores, median and range of three seeds."
+        " The paper: its policy of the same algorithm, learned for up to two days."
+    )
+    return Table("How far it got", columns, rows, note)
+
+
 def targets_table(name: str, algorithm: str, metrics: Mapping[str, float], robot: Robot) -> Table:
     """What a policy reaches on the lines that were tested."""
     rows = []

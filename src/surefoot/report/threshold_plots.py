@@ -58,7 +58,7 @@ def polar_map(
 
     Args:
         thresholds: a closed curve per policy.
-        bound: the capture-point bound, equation (6) of the paper; none if it is empty.
+        bound: the no-step bound, equation (6) of the paper; none if it is empty.
         path: of the picture, .png, .svg or .pdf.
         title: above the plot.
         unit: of the impulses.
@@ -140,7 +140,7 @@ def success_map(
         thresholds: the rejected impulses.
         path: of the picture, .png, .svg or .pdf.
         cells: of every direction; cells without trials stay blank.
-        bound: the capture-point bound, equation (6) of the paper.
+        bound: the no-step bound, equation (6) of the paper.
     """
     highest = max([cell.impulse for several in cells.values() for cell in several] + [ns for _, ns in bound])
     width = 2.0 * np.pi / max(len(cells), 16)

@@ -48,7 +48,15 @@ def direction_table(name: str, thresholds: Sequence[Threshold], robot: Robot, po
         ]
         for t, bound in zip(pushes.values(), bounds, strict=True)
     ]
-    columns = ["direction", "within limits [Ns]", "any [Ns]", "[Ns/kg]", "recovered", "Wilson 95 %", "eq. (6) [Ns]"]
+    columns = [
+        "direction",
+        "within limits [Ns]",
+        "any [Ns]",
+        "[Ns/kg]",
+        "recovered",
+        "Wilson 95 %",
+        f"{paper.NO_STEP_BOUND} [Ns]",
+    ]
     return Table(f"Rejected impulse at the {root_words(robot)}: {name}", columns, rows, LIMITS_NOTE)
 
 
