@@ -16,6 +16,7 @@ from surefoot.agents.policy_file import network_bytes
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import push_lines
 from surefoot.learning.actor import network_layers
+from surefoot.learning.capture_points import from_feet, held_capture_points
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.distill import Distiller
 from surefoot.learning.preset_file import preset
@@ -26,6 +27,7 @@ from surefoot.learning.student import LabelBuffer
 from surefoot.learning.teachers import Teacher, Teachers
 from surefoot.learning.train import train
 from surefoot.learning.warm_start import warm_start
+from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.robots import Robot, load_robot
 from surefoot.task.contract import Contract
 from surefoot.task.memory import Memory
@@ -83,6 +85,41 @@ def test_borders_depend_on_the_direction_as_the_robot_sees_it(robot: Robot) -> N
     away = np.degrees(np.arcsin(np.abs(impulse.imag) / 60.0))
     clear = np.abs(away - 45.0) > 2.0
     np.testing.assert_array_equal(teachers.level[clear], (away > 45.0)[clear])
+
+
+def test_a_robot_whose_capture_point_is_out_of_reach_listens_to_the_second_teacher_whatever_it_has_felt(
+    robot: Robot,
+) -> None:
+    env = make_env(32, pose="bent", action_scale=0.8, disturbance=pushed(60.0))
+    # No border of what has been felt; 4 cm forward, left, backward and right.
+    second = Teacher(agent(robot, 0.1), {"root": [1000.0]}, capture_point=[0.04] * 4)
+    teachers = Teachers([Teacher(agent(robot, 0.0)), second], env)
+    env.reset(seed=0)
+    clear = env.loop.observe(slice(None))
+    teachers.begin(clear)
+    home = np.median(from_feet(robot, clear), axis=0)
+    farthest = np.zeros(32)
+    for _ in range(8):
+        env.step(np.zeros((32, 11)))
+        clear = env.loop.observe(slice(None))
+        teachers.update(clear, np.zeros(32, bool))
+        farthest = np.maximum(farthest, np.linalg.norm(from_feet(robot, clear) - home, axis=1))
+        np.testing.assert_array_equal(teachers.level, farthest > 0.04)
+    # 60 Ns on 137 kg are 0.44 m/s; times sqrt(z / g) of about 0.32 s that is 14 cm.
+    assert (teachers.level == 1).all()
+
+
+def test_a_capture_point_that_is_held_is_nearer_than_one_that_is_lost(robot: Robot) -> None:
+    config = make_env(1, pose="bent", action_scale=0.8).config
+    held = held_capture_points(agent(robot, 0.0), config, num_threads=1, num_robots=48)
+    # Without turning the trunk or the arms nothing brings a capture point back that has left the soles, whose corners
+    # are farthest away; while it holds its pose, a robot turns its trunk a little.
+    start = MujocoEngine(robot, 1).reset(np.array([0]), robot.pose("bent")[None], height=1.0)
+    polygon = start.flat_support_polygon()
+    corner = np.linalg.norm(polygon - polygon.mean(axis=0), axis=1).max()
+    assert len(held) == 16
+    assert 0.02 < min(held) < max(held) < 1.1 * corner
+    np.testing.assert_array_equal(held[1:], held[:0:-1])  # the sides are alike
 
 
 def test_labels_are_in_the_students_units_and_clipped(robot: Robot) -> None:
@@ -214,7 +251,7 @@ def test_a_wrong_teacher_gets_one_line(runs: Path, robot: Robot) -> None:
 
     assert refusal({"policy": "nobody"}).startswith("cannot read policy nobody")
     assert refusal({"policy": "bold", "wait": 2.0}) == (
-        "unknown key of the teacher bold; valid: policy, beyond, beyond_standing, weight"
+        "unknown key of the teacher bold; valid: policy, beyond, beyond_standing, capture_point, beyond_held, weight"
     )
     (runs / "bold" / "best.onnx").write_bytes(constant(robot, 0.5, past=2))
     assert "has a memory" in refusal({"policy": "bold"})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from conftest import NO_PUSH, make_env
@@ -10,42 +12,63 @@ from surefoot.physics.step_record import StepRecord
 from surefoot.robots import Robot
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.early_ends import EarlyEnds
-from surefoot.task.random_pushes import DisturbanceConfig
+from surefoot.task.random_pushes import PUSH, DisturbanceConfig
 
 
-def push_forward(impulse: float) -> DisturbanceConfig:
+def push_anywhere(impulse: float) -> DisturbanceConfig:
     """Pushes of one size at 0.2 s in every direction."""
     return DisturbanceConfig(impulse=(impulse, impulse), first=(0.2, 0.2))
 
 
-def end_of(num_steps: int = 40, **config: object) -> np.ndarray:
-    """The first policy step in which each of eight robots that hold their pose ends its episode; -1 for none."""
-    env = make_env(8, pose="bent", **config)
+def end_of(num_steps: int = 40, num_robots: int = 8, **config: object) -> np.ndarray:
+    """The first policy step in which each of some robots that hold their pose ends its episode; -1 for none."""
+    env = make_env(num_robots, pose="bent", **config)
     env.reset(seed=0)
-    end = np.full(8, -1)
+    end = np.full(num_robots, -1)
     for step in range(num_steps):
-        _, _, terminated, _, _ = env.step(np.zeros((8, 11)))
+        _, _, terminated, _, _ = env.step(np.zeros((num_robots, 11)))
         end[terminated & (end < 0)] = step
     return end
 
 
 def test_an_episode_ends_when_a_foot_leaves_its_place() -> None:
-    falls = end_of(disturbance=push_forward(150.0))
-    leaves = end_of(disturbance=push_forward(150.0), foot_shift_limit=0.025)
+    falls = end_of(disturbance=push_anywhere(150.0))
+    leaves = end_of(disturbance=push_anywhere(150.0), foot_shift_limit=0.025)
     # Robots that hold their pose topple over; their feet leave their places on the way.
     assert (leaves > 5).all()
     assert (leaves[falls > 0] < falls[falls > 0]).all()
-    assert (end_of(disturbance=push_forward(6.0), foot_shift_limit=0.025, num_steps=20) == -1).all()
+    assert (end_of(disturbance=push_anywhere(6.0), foot_shift_limit=0.025, num_steps=20) == -1).all()
 
 
 def test_a_foot_may_leave_its_place_after_a_push_that_is_large_enough() -> None:
     limits = {"foot_shift_limit": 0.025, "foot_shift_impulse": 100.0}
     np.testing.assert_array_equal(
-        end_of(disturbance=push_forward(150.0), **limits), end_of(disturbance=push_forward(150.0))
+        end_of(disturbance=push_anywhere(150.0), **limits), end_of(disturbance=push_anywhere(150.0))
     )
-    small = push_forward(90.0)
+    small = push_anywhere(90.0)
     np.testing.assert_array_equal(
         end_of(disturbance=small, **limits), end_of(disturbance=small, foot_shift_limit=0.025)
+    )
+
+
+def test_a_foot_may_leave_its_place_after_a_push_beyond_the_limit_of_its_direction() -> None:
+    env = make_env(32, pose="bent", disturbance=push_anywhere(90.0), foot_shift_limit=0.025)
+    env.reset(seed=0)
+    force = env.loop.pushes.force[:, PUSH]
+    # Forward, left, backward and right, linear between: 100, 80, 80, 80 Ns is above 90 Ns within 45 degrees of forward.
+    is_forward = np.abs(np.arctan2(force[:, 1], force[:, 0])) < np.pi / 4
+    assert 0 < is_forward.sum() < 32
+    limits = {"disturbance": push_anywhere(90.0), "num_robots": 32}
+    free, forbidden = end_of(**limits), end_of(**limits, foot_shift_limit=0.025)
+    found = end_of(**limits, foot_shift_limit=0.025, foot_shift_impulse=(100.0, 80.0, 80.0, 80.0))
+    np.testing.assert_array_equal(found, np.where(is_forward, forbidden, free))
+    assert (free != forbidden).any()
+
+
+def test_a_foot_may_leave_its_place_after_a_push_at_another_body_than_the_root() -> None:
+    at_torso = dataclasses.replace(push_anywhere(90.0), bodies=("torso",))
+    np.testing.assert_array_equal(
+        end_of(disturbance=at_torso, foot_shift_limit=0.025, foot_shift_impulse=100.0), end_of(disturbance=at_torso)
     )
 
 

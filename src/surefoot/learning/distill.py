@@ -99,7 +99,7 @@ class Distiller:
         self.config, self.folder, self.on_progress = config, folder, on_progress
         self.told = told = DistillConfig(**config.hyper)
         self.env = PushRecoveryVectorEnv(config.num_envs, config.env, num_threads)
-        self.teachers = Teachers(read_teachers(told.teachers, folder, resume, num_threads), self.env)
+        self.teachers = Teachers(read_teachers(told.teachers, config.env, folder, resume, num_threads), self.env)
         self.losses = np.zeros(len(told.teachers))
         speed = partial(distilling_speed, config, folder, start, num_threads)
         self.schedule = Schedule(config, budget_for(config, folder, speed, VALIDATION_S))
@@ -206,7 +206,7 @@ class Distiller:
             "best_score": self.kept.best_score,
             "generator": self.rng.bit_generator.state,
             "inherited": self.origin.record,
-            "beyond": [dict(teacher.beyond) for teacher in self.teachers.teachers],
+            "teachers": [teacher.borders() for teacher in self.teachers.teachers],
         }
         self.folder.save_checkpoint(self.student.parameters(), state, self.kept.files)
 

@@ -45,7 +45,7 @@ def for_robot(config: TrainConfig, name: str) -> TrainConfig:
         step_penalty_fade=env.step_penalty_fade and _scaled(env.step_penalty_fade, mass),
         step_penalty_waiver_s=round(time * env.step_penalty_waiver_s, _DIGITS),
         foot_shift_limit=_maybe(env.foot_shift_limit, length),
-        foot_shift_impulse=_maybe(env.foot_shift_impulse, mass),
+        foot_shift_impulse=_each(env.foot_shift_impulse, mass),
         disturbance=_disturbance(env, mass, time),
     )
     return dataclasses.replace(config, env=changed, mirror=config.mirror and robot.is_symmetric)
@@ -71,6 +71,12 @@ def _scaled(pair: tuple[float, float], scale: float) -> tuple[float, float]:
 
 def _maybe(value: float | None, scale: float) -> float | None:
     return None if value is None else round(scale * value, _DIGITS)
+
+
+def _each(values: float | tuple[float, ...] | None, scale: float) -> float | tuple[float, ...] | None:
+    return (
+        tuple(round(scale * value, _DIGITS) for value in values) if isinstance(values, tuple) else _maybe(values, scale)
+    )
 
 
 def _weighed(schedule: Schedule, scale: float) -> Schedule:

@@ -20,11 +20,13 @@ from surefoot.agents.policy_file import SUFFIX
 from surefoot.errors import UserError
 from surefoot.evaluation.protocol import protocol_for
 from surefoot.evaluation.scenarios import Scenario
+from surefoot.learning import capture_points
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.standing import standing_thresholds
+from surefoot.physics.rotations import by_degree, horizontal
 from surefoot.rates import CONTROL_HZ
 from surefoot.task import observation
-from surefoot.task.environment import PushRecoveryVectorEnv
+from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
 
 HOME_S, HOME_SPEED = 1.0, 0.08
 """A robot is at home again when this long has passed since its push began [s], its CoM is slower than this [m/s],"""
@@ -39,6 +41,7 @@ teacher at most: how it stands must not depend on how it came to stand."""
 LANDED_S = 1.5
 """A dropped robot listens to the last teacher until then [s]."""
 
+_MEASURED = ("beyond_standing", "beyond_held")
 NUM_MEASURED = 16
 """Directions in which is measured what a teacher holds without a step."""
 
@@ -51,12 +54,20 @@ class Teacher:
         policy: for the student's robot and nominal pose; its action scale may differ.
         beyond: word of a body -> impulses [Ns] in evenly spaced directions, counter-clockwise from +x, linear between
             them. A robot that has felt more than this listens to this teacher. The first teacher has none.
+        capture_point: how far the capture point may be from its place at the start [m], in evenly spaced directions,
+            counter-clockwise from +x, linear between them. A robot whose capture point is farther listens to this
+            teacher, whatever it has felt. Empty if only what it has felt counts.
         weight: of its labels while a robot recovers from a push.
     """
 
     policy: NetworkAgent
     beyond: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    capture_point: Sequence[float] = ()
     weight: float = 1.0
+
+    def borders(self) -> dict[str, Any]:
+        """Return where the teacher begins to label, as a checkpoint keeps it."""
+        return {"beyond": dict(self.beyond), "capture_point": list(self.capture_point)}
 
 
 class Teachers:
@@ -84,19 +95,19 @@ class Teachers:
         self._limits = np.zeros((len(teachers) - 1, len(env.robot.body_names), 360))
         for row, teacher in enumerate(teachers[1:]):
             for body, impulses in teacher.beyond.items():
-                around = np.append(impulses, impulses[0])
-                at = np.linspace(0.0, 360.0, len(around))
-                self._limits[row, env.robot.body_id(body)] = np.interp(np.arange(360.0), at, around)
+                self._limits[row, env.robot.body_id(body)] = by_degree(impulses)
+        self._reach = np.array([by_degree(t.capture_point or [np.inf]) for t in teachers[1:]]).reshape(-1, 360)
         names = observation.component_names(env.robot)
-        self._columns = {
-            name: names.index(f"{name}.x") for name in ("com_velocity", "left_foot_position", "right_foot_position")
-        }
+        vectors = "com_velocity", "left_foot_position", "right_foot_position"
+        self._columns = {name: names.index(f"{name}.x") for name in vectors}
         self._home = np.zeros(3)
+        self._home_capture_point = np.zeros(2)
 
     def begin(self, observations: np.ndarray) -> None:
         """All robots begin an episode with these observations (N, num_observations)."""
         self.level[:] = 0
         self._home = self._feet(observations).mean(axis=0)
+        self._home_capture_point = np.median(capture_points.from_feet(self.env.robot, observations), axis=0)
 
     def update(self, observations: np.ndarray, ended: np.ndarray) -> None:
         """Tell to whom each robot listens after a policy step.
@@ -119,6 +130,9 @@ class Teachers:
         body, impulse = env.felt_push()
         degrees = np.degrees(np.angle(impulse)).astype(np.int64) % 360
         np.maximum(level, (np.abs(impulse) > self._limits[:, body, degrees]).sum(axis=0), out=level)
+        shifted = horizontal(capture_points.from_feet(self.env.robot, observations) - self._home_capture_point)
+        degrees = np.degrees(np.angle(shifted)).astype(np.int64) % 360
+        np.maximum(level, (np.abs(shifted) > self._reach[:, degrees]).sum(axis=0), out=level)
         level[env.was_dropped & (env.loop.tick < LANDED_S * CONTROL_HZ)] = len(self.teachers) - 1
 
     def labels(self, observations: np.ndarray, actions: np.ndarray, either: float) -> tuple[np.ndarray, np.ndarray]:
@@ -162,16 +176,23 @@ class Teachers:
 
 
 def read_teachers(
-    tables: Sequence[Mapping[str, Any]], folder: RunFolder, resume: bool = False, num_threads: int = 0
+    tables: Sequence[Mapping[str, Any]],
+    env: EnvConfig,
+    folder: RunFolder,
+    resume: bool = False,
+    num_threads: int = 0,
 ) -> list[Teacher]:
     """Return the teachers of a preset.
 
     Args:
         tables: one for each teacher, with the keys
             `policy`: a stage of the same run, a shipped policy, or a policy file;
-            `beyond` and `weight`: see `Teacher`;
+            `beyond`, `capture_point` and `weight`: see `Teacher`;
             `beyond_standing`: words of bodies. Beyond the largest push there from which the first teacher recovers
             without a step, a robot listens to this teacher. That is measured, which takes minutes.
+            `beyond_held`: true if a robot listens to this teacher whose capture point is farther than where the first
+            teacher still holds it without a step. That is measured, too, which takes a minute.
+        env: of the student.
         folder: of the run; the folders beside it may be stages.
         resume: take what was measured from the folder's checkpoint.
         num_threads: of the physics; 0 for one per core.
@@ -180,18 +201,23 @@ def read_teachers(
         UserError: there is no such policy, it has a memory, or a table has an unknown key.
     """
     policies = [_read_policy(str(table.get("policy", "")), folder.path.parent) for table in tables]
-    known = folder.load_checkpoint()[1]["beyond"] if resume else [{} for _ in tables]
+    unknown: list[dict[str, Any]] = [{} for _ in tables]
+    known = folder.load_checkpoint()[1]["teachers"] if resume else unknown
     teachers = []
     for table, policy, measured in zip(tables, policies, known, strict=True):
-        values = {key: value for key, value in table.items() if key not in ("policy", "beyond_standing")}
-        beyond = dict(values.pop("beyond", {})) | measured
-        for body in table.get("beyond_standing", ()):
-            if body not in beyond:
+        values = {key: value for key, value in table.items() if key not in _MEASURED} | measured
+        if not measured:
+            beyond = dict(values.get("beyond", {}))
+            for body in table.get("beyond_standing", ()):
                 beyond[body] = _beyond_standing(policies[0], body, num_threads)
+            values["beyond"] = beyond
+            if table.get("beyond_held"):
+                values["capture_point"] = capture_points.held_capture_points(policies[0], env, num_threads)
+        values.pop("policy", None)
         try:
-            teachers.append(Teacher(policy, beyond, **values))
+            teachers.append(Teacher(policy, **values))
         except TypeError as error:
-            valid = "policy, beyond, beyond_standing, weight"
+            valid = "policy, beyond, beyond_standing, capture_point, beyond_held, weight"
             raise UserError(f"unknown key of the teacher {table.get('policy')}; valid: {valid}") from error
     return teachers
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 
@@ -16,6 +18,12 @@ def horizontal(vectors: np.ndarray) -> np.ndarray:
     Rotations become products, and NumPy's inner loops run over ticks instead of over pairs.
     """
     return vectors[..., :2].view(complex)[..., 0]
+
+
+def by_degree(values: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Return values in evenly spaced directions, counter-clockwise from +x, for every degree (360,), linear between."""
+    around = np.append(values, values[0])
+    return np.interp(np.arange(360.0), np.linspace(0.0, 360.0, len(around)), around)
 
 
 def roll_pitch(quaternion: np.ndarray) -> np.ndarray:

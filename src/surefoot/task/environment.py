@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from surefoot.physics.rotations import horizontal
+from surefoot.physics.rotations import by_degree, horizontal
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, POLICY_HZ
 from surefoot.robots import load_robot
 from surefoot.task import observation, reward
@@ -57,7 +57,9 @@ class EnvConfig:
             are waived [s]. A robot with noise never pays for foot travel.
         foot_shift_limit: an episode ends when the centre of a sole is farther than this from its place [m], which is
             where it was when the last push had been survived. Without it a robot may step.
-        foot_shift_impulse: a robot may also step after a push with a larger impulse than this [Ns], or after a drop.
+        foot_shift_impulse: a robot may also step after a push at the root with a larger impulse than this [Ns], after a
+            push at another body, or after a drop; with noise it always may. Several values are for evenly spaced
+            directions in the heading frame, counter-clockwise from +x, linear between them.
         joint_speed_limit: an episode ends when a joint's speed, as a mean over 10 ms, exceeds this share of its limit.
         speed_end_probability: probability of that in a policy step, over the share of the training done; 1 without it.
         noise_share: share of the episodes with noise. Its size is uniform between none and the two deviations below.
@@ -84,7 +86,7 @@ class EnvConfig:
     step_penalty_fade: tuple[float, float] | None = None
     step_penalty_waiver_s: float = 3.0
     foot_shift_limit: float | None = None
-    foot_shift_impulse: float | None = None
+    foot_shift_impulse: float | tuple[float, ...] | None = None
     joint_speed_limit: float | None = None
     speed_end_probability: Schedule | None = None
     noise_share: float = 0.0
@@ -165,6 +167,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self._noise = np.zeros(num_envs)
         self._waiting = np.zeros(num_envs, bool)
         self._early_ends = EarlyEnds(self.robot, num_envs, config.foot_shift_limit, config.joint_speed_limit)
+        self._foot_shift_impulse = by_degree(np.atleast_1d(config.foot_shift_impulse or 0.0))
         self._privileged = PrivilegedObservation(self.robot, self.loop.nominal)
         self.set_progress(0.0)
         self._seed(None)
@@ -223,12 +226,14 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
     def privileged_observation(self) -> np.ndarray:
         """What a critic may know beside the observation, and a policy may not: (N, 12) float64, `privileged.SIGNS`.
 
-        It is the next push (`PrivilegedObservation.next_push`), the share of the step penalties that is charged now,
-        whether leaving the nominal pose still costs, and the robot's noise as a share of the largest.
+        It is the next push (`PrivilegedObservation.next_push`), the share of the step penalties that is charged now
+        (whether a step ends the episode, where one may), whether leaving the nominal pose still costs, and the robot's
+        noise as a share of the largest.
         """
         loop = self.loop
         pushes = self._privileged.next_push(loop.pushes, loop.tick, self._heading)
-        return np.column_stack([pushes, self.step_penalty_share(), self._pays_posture, self._noise])
+        may_not_step = self.step_penalty_share() if self.config.foot_shift_limit is None else ~self._may_step()
+        return np.column_stack([pushes, may_not_step, self._pays_posture, self._noise])
 
     def felt_push(self) -> tuple[np.ndarray, np.ndarray]:
         """Return what each robot has felt of its last push until now.
@@ -263,7 +268,10 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         if self.config.foot_shift_impulse is None:
             return np.zeros(self.num_envs, bool)
         impulse, _ = self.random_pushes.latest(self.loop.tick)
-        return (impulse > self.config.foot_shift_impulse) | (self._dropped & (impulse == 0.0))
+        at_root, angle = self.random_pushes.latest_place()
+        degrees = np.degrees(angle - np.angle(self._heading)).astype(np.int64) % 360
+        freed = impulse > np.where(at_root, self._foot_shift_impulse[degrees], 0.0)
+        return freed | (self._dropped & (impulse == 0.0)) | self.loop.imperfect
 
     def _reward_context(self) -> reward.RewardContext:
         share = self.step_penalty_share()

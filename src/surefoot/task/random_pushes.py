@@ -98,6 +98,9 @@ class RandomPushes:
         self.falls = FallRates(pushes.robot, config.bodies, config.impulse[1])
         self._latest_impulse = np.zeros(num_robots)
         self._latest_start = np.zeros(num_robots, np.int64)
+        self._latest_at_root = np.ones(num_robots, bool)
+        self._latest_angle = np.zeros(num_robots)
+        self._root = pushes.robot.body_id("root")
         # The next push is drawn in good time before it may begin.
         survived = round(min(self.SURVIVED_S, config.interval[0]) / CONTROL_DT) - TICKS_PER_STEP
         self._survived_ticks = max(survived, round(config.duration / CONTROL_DT))
@@ -110,6 +113,7 @@ class RandomPushes:
     def reset(self, ids: np.ndarray) -> None:
         """Robots `ids` begin an episode."""
         self._latest_impulse[ids] = 0.0
+        self._latest_at_root[ids] = True
         self._latest_start[ids] = 0
         self._draw(ids, np.zeros(len(ids), np.int64), self.config.first)
 
@@ -136,7 +140,18 @@ class RandomPushes:
         begun = self._start < tick
         self._latest_impulse[begun] = np.where(self._lifted, np.inf, self._impulse)[begun]
         self._latest_start[begun] = self._start[begun]
+        self._latest_at_root[begun] = (self.pushes.body[:, PUSH] == self._root)[begun]
+        self._latest_angle[begun] = self._angle[begun]
         return self._latest_impulse, tick - self._latest_start
+
+    def latest_place(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the push of the last call of `latest` went.
+
+        Returns:
+            at_root: whether it was at the root (N,).
+            angle: its direction in the world, counter-clockwise from +x (N,) [rad].
+        """
+        return self._latest_at_root, self._latest_angle
 
     def fell(self, ids: np.ndarray, tick: np.ndarray) -> None:
         """Robots `ids` (n,) have fallen at `tick` (n,) since their reset."""
