@@ -37,6 +37,8 @@ def test_a_validation_uses_trials_that_the_evaluation_never_sees() -> None:
     assert min(trial.seed for trial in runner.call_args.args[1]) > 10_000
     # Held by its impedance alone the robot rejects small pushes and no large ones.
     assert 0.05 < found.recovered < 0.4
+    assert 0.05 < found.within_limits <= found.recovered
+    assert all(found.rejected_within_limits[name] <= impulse for name, impulse in found.rejected.items())
     assert set(found.rejected) >= {"forward", "left", "backward", "right", "45"}
 
 

@@ -188,8 +188,8 @@ class Select:
             candidates.append(found)
             worst = min(found.rejected, key=lambda name: found.rejected[name])
             say(
-                f"{file}: {found.recovered:.3f} recovered, {found.quiet:.2f} quiet, "
-                f"worst direction {worst} {found.rejected[worst]:.0f} Ns; "
+                f"{file}: {found.within_limits:.3f} recovered within limits ({found.recovered:.3f} in all), "
+                f"{found.quiet:.2f} quiet, worst direction {worst} {found.rejected[worst]:.0f} Ns; "
                 + ", ".join(f"{name} {share:.2f}" for name, share in found.passed.items())
             )
         best = best_candidate(candidates)

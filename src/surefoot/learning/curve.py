@@ -1,9 +1,10 @@
 """Learning curves: the table that a run leaves, one row per validation; it is read here without torch.
 
 The columns keep the names of version 0.1, since committed results and their readers have them: "minutes" and "steps" of
-the run, "recovered" and "fell" (shares of the pushes), "calm" (share of the whole trials after which the robot stood
-quietly) and "calm_power" (median of their mean power [W]), "forward", "left", "backward" and "right" (impulses below
-which nothing failed [Ns]), "episode_length" [policy steps] and "episode_return".
+the run, "recovered" and "fell" (shares of the pushes), "within_limits" (recovered with no joint beyond its speed limit;
+not in curves of version 0.1), "calm" (share of the whole trials after which the robot stood quietly) and "calm_power"
+(median of their mean power [W]), "forward", "left", "backward" and "right" (impulses below which nothing failed [Ns]),
+"episode_length" [policy steps] and "episode_return".
 """
 
 from __future__ import annotations

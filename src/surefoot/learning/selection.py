@@ -41,15 +41,20 @@ class Candidate:
         return sum(found.recovered for found in self.validations) / len(self.validations)
 
     @property
+    def within_limits(self) -> float:
+        """Share of all pushes that it recovers from within the joints' speed limits, in the mean of the rounds."""
+        return sum(found.within_limits for found in self.validations) / len(self.validations)
+
+    @property
     def quiet(self) -> float:
         """Share of the whole trials after which the robot stood quietly, in the mean of the rounds."""
         return sum(found.quiet for found in self.validations) / len(self.validations)
 
     @property
     def rejected(self) -> dict[str, float]:
-        """The largest impulse below which nothing failed in any round, by direction name [Ns]."""
+        """The largest impulse below which nothing failed within limits in any round, by direction name [Ns]."""
         found: dict[str, float] = {}
-        for name, impulse in (item for each in self.validations for item in each.rejected.items()):
+        for name, impulse in (item for each in self.validations for item in each.rejected_within_limits.items()):
             found[name] = min(impulse, found.get(name, impulse))
         return found
 

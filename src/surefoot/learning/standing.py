@@ -88,7 +88,9 @@ def validate_standing(policy: Agent, num_threads: int = 0) -> Validation:
     rejected = {line.name: impulse for line, impulse in zip(lines, _unbroken(share, lines[0].grid), strict=True)}
     held = float(share.mean())
     impulses = rejected | {"right": rejected["left"]}
-    return Validation(held, 1.0 - held, impulses, quiet=0.0, power=float("nan"), largest=CELLS[-1] * lines[0].grid)
+    largest = CELLS[-1] * lines[0].grid
+    # Pushes this small take no joint to its limit.
+    return Validation(held, held, 1.0 - held, impulses, impulses, quiet=0.0, power=float("nan"), largest=largest)
 
 
 def validate_graded(policy: Agent, num_threads: int = 0) -> GradedValidation:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from surefoot.evaluation.evaluate import push_lines
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.protocol import PROTOCOL
-from surefoot.evaluation.scenarios import DIRECTIONS
+from surefoot.evaluation.scenarios import DIRECTIONS, Line
 from surefoot.evaluation.trials import run_list
 from surefoot.robots import Robot
 from surefoot.task.agent import Agent
@@ -37,17 +38,21 @@ class Validation:
 
     Attributes:
         recovered: share of all pushes.
+        within_limits: share of all pushes that it recovers from within the joints' speed limits.
         fell: share that ended in a fall.
         rejected: the largest impulse below which nothing failed, by direction name [Ns]. With one trial of each
             impulse this is a glance, not a measurement.
+        rejected_within_limits: the same, if a joint beyond its speed limit is a failure too.
         quiet: share of whole trials after which the robot stood quietly.
         power: median of the mean power in these from 5 s after the push on [W]; NaN if none stood to its end.
         largest: impulse that is tried [Ns].
     """
 
     recovered: float
+    within_limits: float
     fell: float
     rejected: dict[str, float]
+    rejected_within_limits: dict[str, float]
     quiet: float
     power: float
     largest: float = NUM_IMPULSES * SPACING * PROTOCOL.impulse_step
@@ -56,19 +61,21 @@ class Validation:
     def score(self) -> float:
         """The score by which a run's best policy is kept: share of all pushes, impulses without a hole, quiet standing.
 
-        Of the impulses below which nothing failed, those of the worst direction and of the mean count alike.
+        A joint beyond its speed limit is a failure here. Of the impulses below which nothing failed, those of the worst
+        direction and of the mean count alike.
         """
-        values = list(self.rejected.values())
-        return self.recovered + (min(values) + float(np.mean(values))) / self.largest + self.quiet
+        values = list(self.rejected_within_limits.values())
+        return self.within_limits + (min(values) + float(np.mean(values))) / self.largest + self.quiet
 
     def record(self) -> dict[str, float]:
         """Return what a policy's training record keeps; its keys are those of version 0.1."""
-        return {"recovered": round(self.recovered, 4), "calm": self.quiet}
+        shares = {"recovered": round(self.recovered, 4), "within_limits": round(self.within_limits, 4)}
+        return shares | {"calm": self.quiet}
 
     def columns(self) -> dict[str, float]:
         """Return the columns of a learning curve; their names are those of version 0.1."""
-        shares = {"recovered": self.recovered, "fell": self.fell, "calm": self.quiet, "calm_power": self.power}
-        return shares | self.main_directions()
+        shares = {"recovered": self.recovered, "within_limits": self.within_limits, "fell": self.fell}
+        return shares | {"calm": self.quiet, "calm_power": self.power} | self.main_directions()
 
     def main_directions(self) -> dict[str, float]:
         """Return the rejected impulses forward, left, backward and right [Ns]."""
@@ -98,16 +105,25 @@ def validate(policy: Agent, num_threads: int = 0, round: int = 0) -> Validation:
     outcomes = run_list(policy, todo, num_slots=len(todo), num_threads=num_threads)
     pushed = [[outcomes[trials[i, j]] for j in range(NUM_IMPULSES)] for i in range(NUM_DIRECTIONS)]
     recovered = np.array([[outcome.recovered for outcome in row] for row in pushed])
-    unbroken = np.cumprod(recovered, axis=1).sum(axis=1) * spacing
+    is_legal = np.array([[outcome.is_within_limits(PROTOCOL.speed_share) for outcome in row] for row in pushed])
+    within_limits = recovered & is_legal
     stood = [outcomes[trial] for trial in whole if outcomes[trial].recovered]
     return Validation(
         recovered=float(recovered.mean()),
+        within_limits=float(within_limits.mean()),
         fell=float(np.mean([outcome.reason == "fell" for row in pushed for outcome in row])),
-        rejected={line.name: float(impulse) for line, impulse in zip(lines, unbroken, strict=True)},
+        rejected=_unbroken(lines, recovered, spacing),
+        rejected_within_limits=_unbroken(lines, within_limits, spacing),
         quiet=sum(_is_quiet(outcome, robot) for outcome in stood) / NUM_DIRECTIONS,
         power=float(np.median([outcome.quiet_power for outcome in stood])) if stood else float("nan"),
         largest=NUM_IMPULSES * spacing,
     )
+
+
+def _unbroken(lines: Sequence[Line], holds: np.ndarray, spacing: float) -> dict[str, float]:
+    """Return the largest impulse [Ns] below which everything holds (num_lines, num_impulses), by line name."""
+    impulses = np.cumprod(holds, axis=1).sum(axis=1) * spacing
+    return {line.name: float(impulse) for line, impulse in zip(lines, impulses, strict=True)}
 
 
 def _is_quiet(outcome: Outcome, robot: Robot) -> bool:
