@@ -232,10 +232,29 @@ def test_a_missing_model_and_a_missing_description_are_named(copy: Path) -> None
         ('load_unit = "much"', "load_unit must be a number, not much"),
         ("root = ", "cannot read robot"),
         ('default_pose = "upright"', "unknown default_pose 'upright'; valid: crouched"),
+        ("x = " + 3000 * "[" + 3000 * "]", "its TOML is nested too deeply"),
+        (f"load_unit = {10**400}", "load_unit must be a number, not a whole number of more than 60 digits"),
+        (f'unknown{3000 * "x"} = "x"', f"unknown key 'unknown{53 * 'x'}...'"),
     ],
 )
 def test_a_value_of_the_wrong_kind_is_named(copy: Path, line: str, answer: str) -> None:
     copy.write_text(line + "\n" + copy.read_text())
+    assert answer in refusal(copy)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "answer"),
+    [
+        ('name="ankle_pitch_l_joint"', "", "a hinge of the model, or the body that it turns, has no name"),
+        ('name="thigh_roll_l"', "", "a hinge of the model, or the body that it turns, has no name"),
+        ('pos="', 'pos="nan 0 0" user="', "that is not finite"),
+    ],
+)
+def test_a_model_that_no_robot_can_be_made_of_is_named(copy: Path, before: str, after: str, answer: str) -> None:
+    file = copy.parent / "tiptoe.xml"
+    text = file.read_text()
+    assert before in text
+    file.write_text(text.replace(before, after, 1))
     assert answer in refusal(copy)
 
 

@@ -281,7 +281,7 @@ def test_results_of_other_weights_are_told_apart(tmp_path: Path, tiptoe: Robot) 
             "{}: command_names: the policy follows a recorded motion; surefoot has none to give it",
         ),
         ({"observation_terms_scale": "1.0,2.0"}, "{}: observation_terms_scale must be 6 values, one for each"),
-        ({"step_dt": "0"}, "{}: step_dt must be positive, not 0"),
+        ({"step_dt": "0"}, "{}: step_dt must be a number from 0.0001 to 10, not 0"),
         ({"step_dt": "0.015"}, "{} must have a rate_hz of 25, 50, 100, 125, 250, 500, not 67"),
     ],
 )

@@ -13,7 +13,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from surefoot.agents.load import load_policy
+from surefoot.agents.foreign import Network
+from surefoot.agents.load import load_agent, load_policy
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.onnx_check import OWN_OPERATORS, read_model
 from surefoot.agents.policy_file import network_bytes
@@ -171,3 +172,63 @@ def test_what_is_no_regular_file_of_a_policys_size_is_not_read(tmp_path: Path) -
         load_policy(tmp_path / "large.onnx")
     with pytest.raises(UserError, match="must be a path without NUL characters"):
         load_policy("a\0.onnx")
+
+
+# Networks of other people's.
+
+
+def foreign(folder: Path, *nodes: onnx.NodeProto, outside: str = "", size: int = 4) -> Path:
+    """A linear network of `size` numbers, with more nodes behind it."""
+    weights = numpy_helper.from_array(np.eye(size, dtype=np.float32), "weights")
+    last = nodes[-1].output[0] if nodes else "linear"
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["obs", "weights"], ["linear"]), *nodes],
+        "policy",
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, size])],
+        [helper.make_tensor_value_info(last, TensorProto.FLOAT, [1, "actions"])],
+        [weights, numpy_helper.from_array(np.array(True), "true")],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    if outside:
+        data = numpy_helper.to_array(weights).tobytes()
+        (folder / "weights.bin").write_bytes(data)
+        tensor = model.graph.initializer[0]
+        onnx.external_data_helper.set_external_data(tensor, outside, offset=0, length=len(data))
+        tensor.ClearField("raw_data")
+    (folder / "theirs.onnx").write_bytes(model.SerializeToString())
+    return folder / "theirs.onnx"
+
+
+def doubled(times: int) -> list[onnx.NodeProto]:
+    """Nodes that put what they are given behind itself again and again."""
+    names = ["linear", *(f"double_{i}" for i in range(times))]
+    return [
+        helper.make_node("Concat", [before, before], [after], axis=1)
+        for before, after in zip(names, names[1:], strict=False)
+    ]
+
+
+def test_a_foreign_network_that_loops_is_refused_before_it_runs(tmp_path: Path) -> None:
+    file = foreign(tmp_path, a_loop(), helper.make_node("Tanh", ["linear"], ["action"]))
+    with pytest.raises(UserError, match=r"theirs\.onnx is refused: it has the operator 'Loop'; valid: Gemm, MatMul"):
+        load_agent(str(file))
+
+
+def test_a_foreign_network_whose_numbers_grow_without_end_is_refused(tmp_path: Path) -> None:
+    # 4 numbers are 4 * 2^20 = 4,194,304 after 20 doublings and twice as many, more than 8,000,000, after 21.
+    Network(foreign(tmp_path, *doubled(3), size=4))
+    with pytest.raises(UserError, match="'double_20' has more than 8,000,000 elements"):
+        Network(foreign(tmp_path, *doubled(21)))
+    with pytest.raises(UserError, match="has more than 8,000,000 elements"):
+        Network(foreign(tmp_path, *doubled(60)))
+
+
+@pytest.mark.parametrize("place", ["../weights.bin", "/etc/passwd", "", "gone.bin", "theirs.onnx/x"])
+def test_weights_of_a_foreign_network_lie_in_its_own_folder_or_nowhere(tmp_path: Path, place: str) -> None:
+    (tmp_path / "policy").mkdir()
+    (tmp_path / "weights.bin").write_bytes(np.eye(4, dtype=np.float32).tobytes())
+    file = foreign(tmp_path / "policy", outside="weights.bin")
+    np.testing.assert_array_equal(Network(file)(np.ones((3, 4))), np.ones((3, 4)))
+    assert Network(file).files == (file, tmp_path / "policy" / "weights.bin")
+    with pytest.raises(UserError, match=r"^[^\n]*(not in a file beside it|cannot read weights)"):
+        Network(foreign(tmp_path / "policy", outside=place or "."))

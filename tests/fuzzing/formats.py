@@ -158,13 +158,15 @@ def scenario_toml(rng: random.Random, folder: Path) -> None:
 
 
 def robot_toml(rng: random.Random, folder: Path) -> None:
-    shutil.copy(TIPTOE / "tiptoe.xml", folder)
+    for name in ("tiptoe.xml", "shank.stl"):
+        shutil.copy(TIPTOE / name, folder)
     file = folder / f"tiptoe{rng.randrange(10**9)}.toml"
     file.write_text(damaged_text(rng, (TIPTOE / "tiptoe.toml").read_text()))
     _load.__wrapped__(file, str(file))  # without the cache, which would hold every robot
 
 
 def robot_xml(rng: random.Random, folder: Path) -> None:
+    shutil.copy(TIPTOE / "shank.stl", folder)
     (folder / "tiptoe.xml").write_text(damaged_text(rng, (TIPTOE / "tiptoe.xml").read_text()))
     file = folder / f"tiptoe{rng.randrange(10**9)}.toml"
     shutil.copy(TIPTOE / "tiptoe.toml", file)

@@ -137,6 +137,8 @@ def damage_database(rng: random.Random, file: Path) -> None:
                     continue
                 table = rng.choice(tables)
                 columns = [row[1] for row in db.execute(f"PRAGMA table_info({table})")]
+                if not columns:  # the table was dropped
+                    continue
                 column = rng.choice(columns)
                 row = db.execute(f"SELECT {column} FROM {table} LIMIT 1").fetchone() or (None,)
                 old = row[0]
@@ -147,6 +149,7 @@ def damage_database(rng: random.Random, file: Path) -> None:
 def _cell(rng: random.Random, old: Any) -> Any:
     if isinstance(old, str) and old[:1] in "{[" and rng.random() < 0.8:
         if rng.random() < 0.5:
-            return json.dumps(damaged_value(rng, json.loads(old)))
+            with contextlib.suppress(ValueError):  # it has been damaged before
+                return json.dumps(damaged_value(rng, json.loads(old)))
         return damaged_text(rng, old)
     return rng.choice((None, "", "{", "x" * 200_000, b"\0\1", -1, 10**18, 1e308, float("inf"), 2.5, *TEXTS))

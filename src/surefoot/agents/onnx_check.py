@@ -1,16 +1,19 @@
 """ONNX files of strangers: checked before anything runs them, so that their bytes alone say what they do.
 
-A file that passes refers to no other file, holds nothing but operators of a list, has no part of its own code, and
-cannot grow in memory beyond a limit. What does not pass is refused before onnxruntime sees it.
+A file that passes holds nothing but operators of a list, has no part of its own code, and cannot grow in memory beyond
+a limit. A policy of surefoot's refers to no other file; a foreign one may have its weights in a file beside it, which
+then is part of its digest. What does not pass is refused before onnxruntime sees it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from surefoot.checks import read_bytes, shortened
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
@@ -23,20 +26,33 @@ MAX_ELEMENTS = 8_000_000
 MAX_NODES = 1_000
 OWN_OPERATORS = ("Gemm", "Tanh", "Identity")
 """What networks that surefoot wrote consist of."""
+FOREIGN_OPERATORS = (
+    "Gemm", "MatMul", "Conv", "LSTM", "GRU", "Add", "Sub", "Mul", "Div", "Neg", "Abs", "Sqrt", "Reciprocal", "Pow",
+    "Exp", "Log", "Erf", "Sin", "Cos", "Min", "Max", "Clip", "Relu", "LeakyRelu", "PRelu", "Elu", "Selu", "Celu",
+    "Gelu", "Sigmoid", "HardSigmoid", "HardSwish", "Mish", "Tanh", "Softplus", "Softsign", "Softmax", "LogSoftmax",
+    "LayerNormalization", "BatchNormalization", "ReduceMean", "ReduceSum", "ReduceMax", "ReduceMin", "ReduceL2",
+    "Identity", "Dropout", "Cast", "Constant", "Concat", "Split", "Slice", "Gather", "Reshape", "Flatten", "Squeeze",
+    "Unsqueeze", "Transpose", "Shape", "Where", "Equal", "Less", "Greater", "Not", "And", "Or",
+)  # fmt: skip
+"""What exporters make of the networks that people train: none of these runs a subgraph or makes a tensor whose size it
+is told by numbers."""
 _DOMAINS = ("", "ai.onnx")
 
 
-def read_model(data: bytes, source: str, operators: Collection[str]) -> ModelProto:
+def read_model(data: bytes, source: str, operators: Collection[str], folder: Path | None = None) -> ModelProto:
     """Return the model of an ONNX file of which every part has been looked at; run this model, not the file's bytes.
 
     It refers to no other file; it has operators of a list and of ONNX's own set only, no subgraph, no function and no
     sparse tensor; its tensors are small, whole and finite; and its nodes are fewer than `MAX_NODES`.
+
+    A foreign model may have weights in files of one folder, which are read into it, and numbers of other kinds.
 
     Args:
         data: the file's bytes.
         source: by which errors name the file.
         operators: those that the network may have. `Loop`, `If` and `Scan` can never be among them, since their
             subgraphs are refused.
+        folder: of the files in which weights of a foreign model may lie; None for a model of surefoot's.
 
     Raises:
         UserError: the file is no ONNX file, or has anything else.
@@ -53,6 +69,7 @@ def read_model(data: bytes, source: str, operators: Collection[str]) -> ModelPro
         raise UserError(f"{source} is not a policy file: not a readable ONNX network") from error
     if not model.graph.node:
         raise UserError(f"{source} is not a policy file: not a readable ONNX network")
+    is_foreign = folder is not None
     if model.functions or model.training_info or model.graph.sparse_initializer:
         raise UserError(f"{source} is refused: it has functions, training code or sparse tensors of its own")
     if len(model.graph.node) > MAX_NODES:
@@ -62,10 +79,42 @@ def read_model(data: bytes, source: str, operators: Collection[str]) -> ModelPro
             valid = ", ".join(operators)
             raise UserError(f"{source} is refused: it has the operator '{node.op_type[:60]}'; valid: {valid}")
         for attribute in node.attribute:
-            _check_attribute(attribute, source)
+            _check_attribute(attribute, source, is_foreign)
     for tensor in model.graph.initializer:
-        _check_tensor(tensor, source)
+        if folder is not None:
+            _take_in(tensor, folder, source)
+        _check_tensor(tensor, source, is_foreign)
     return model
+
+
+def outside_files(model: ModelProto, folder: Path) -> list[Path]:
+    """Return the files in a folder that hold weights of a model."""
+    entries = [entry for tensor in model.graph.initializer for entry in tensor.external_data]
+    return [folder / place for place in dict.fromkeys(entry.value for entry in entries if entry.key == "location")]
+
+
+def check_growth(model: ModelProto, source: str) -> None:
+    """Check that no value of a model is larger than a tensor may be, as far as their sizes follow from the file.
+
+    Args:
+        model: with a batch of 1.
+        source: by which errors name the file.
+
+    Raises:
+        UserError: one is, or its parts do not fit together.
+    """
+    import onnx
+
+    try:
+        inferred = onnx.shape_inference.infer_shapes(model, strict_mode=True, data_prop=True)
+    except Exception as error:  # onnx has no error type of its own for it
+        raise UserError(f"{source} is not a policy file: not a readable ONNX network") from error
+    for value in (*inferred.graph.value_info, *inferred.graph.output):
+        sizes = [dim.dim_value for dim in value.type.tensor_type.shape.dim if dim.HasField("dim_value")]
+        if _product(sizes) > MAX_ELEMENTS:
+            raise UserError(
+                f"{source} is refused: its value '{value.name[:60]}' has more than {MAX_ELEMENTS:,} elements"
+            )
 
 
 def check_own_network(model: ModelProto, source: str) -> None:
@@ -111,35 +160,61 @@ def _check_value(values: Iterable[ValueInfoProto], kind: str, source: str) -> No
         raise UserError(f"{source} is refused: its {kind} must be one float32 array (robots, numbers)")
 
 
-def _check_attribute(attribute: AttributeProto, source: str) -> None:
+def _check_attribute(attribute: AttributeProto, source: str, is_foreign: bool) -> None:
     import onnx
 
     kinds = onnx.AttributeProto
     if attribute.type == kinds.TENSOR:
-        _check_tensor(attribute.t, source)
+        _check_tensor(attribute.t, source, is_foreign)
         return
     plain = (kinds.FLOAT, kinds.INT, kinds.STRING, kinds.FLOATS, kinds.INTS, kinds.STRINGS)
     if attribute.type not in plain or attribute.ref_attr_name or attribute.HasField("g") or attribute.graphs:
         raise UserError(f"{source} is refused: '{attribute.name[:60]}' of an operator is no plain number or text")
 
 
-def _check_tensor(tensor: TensorProto, source: str) -> None:
-    """Check that a tensor lies in the file, is as large as it says, and is finite."""
+def _take_in(tensor: TensorProto, folder: Path, source: str) -> None:
+    """Read a tensor that lies in a file of a folder into the model itself."""
+    import onnx
+
+    if tensor.data_location != onnx.TensorProto.EXTERNAL:
+        return
+    told = {entry.key: entry.value for entry in tensor.external_data}
+    place, name = PurePosixPath(told.get("location", "")), tensor.name[:60]
+    if place.is_absolute() or ".." in place.parts or "\\" in str(place) or not place.parts:
+        raise UserError(
+            f"{source} is refused: its tensor '{name}' lies in {shortened(str(place))}, not in a file beside it"
+        )
+    data = read_bytes(folder / place, "weights", MAX_BYTES)
+    try:
+        offset = int(told.get("offset", 0))
+        length = int(told.get("length", len(data) - offset))
+    except ValueError as error:
+        raise UserError(f"{source} is refused: the place of its tensor '{name}' is no number") from error
+    if not 0 <= offset <= offset + length <= len(data):
+        raise UserError(f"{source} is refused: its tensor '{name}' lies beyond the end of {place}")
+    del tensor.external_data[:]
+    tensor.data_location = onnx.TensorProto.DEFAULT
+    tensor.raw_data = data[offset : offset + length]
+
+
+def _check_tensor(tensor: TensorProto, source: str, is_foreign: bool) -> None:
+    """Check that a tensor lies in the file, is as large as it says, and is finite; a foreign one may hold infinity."""
     import onnx
     from onnx import numpy_helper
 
-    name = tensor.name[:60]
-    if tensor.external_data or tensor.data_location != onnx.TensorProto.DEFAULT:
+    name, kinds = tensor.name[:60], onnx.TensorProto
+    if tensor.external_data or tensor.data_location != kinds.DEFAULT:
         raise UserError(f"{source} is refused: its tensor '{name}' lies in another file, which may change")
     if min(tensor.dims, default=1) < 0 or _product(tensor.dims) > MAX_ELEMENTS:
         raise UserError(f"{source} is refused: its tensor '{name}' has more than {MAX_ELEMENTS:,} elements")
-    if tensor.data_type not in (onnx.TensorProto.FLOAT, onnx.TensorProto.INT64):
+    valid = (kinds.FLOAT, kinds.INT64)
+    if tensor.data_type not in ((*valid, kinds.DOUBLE, kinds.INT32, kinds.BOOL) if is_foreign else valid):
         raise UserError(f"{source} is refused: its tensor '{name}' holds neither float32 nor int64 numbers")
     try:
         array: np.ndarray = numpy_helper.to_array(tensor)
     except Exception as error:  # onnx has no error type of its own for a tensor whose data do not fit its size
         raise UserError(f"{source} is refused: its tensor '{name}' has not as many elements as it says") from error
-    if not np.isfinite(array).all():
+    if np.isnan(array).any() if is_foreign else not np.isfinite(array).all():
         raise UserError(f"{source} is refused: its tensor '{name}' has numbers that are not finite")
 
 

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from surefoot.environments.batch import PushRecoveryBatch, RenderMode
 from surefoot.rates import POLICY_HZ
+from surefoot.task.agent import as_numbers
 from surefoot.task.environment import EnvConfig
 
 
@@ -58,7 +59,7 @@ class PushRecoveryEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by one policy step of 40 ms; after an end the caller resets, as gymnasium has it."""
-        observations, rewards, terminated, truncated, _ = self.batch.step(np.asarray(action)[None])
+        observations, rewards, terminated, truncated, _ = self.batch.step(as_numbers(action)[None])
         means = dict(self.batch.reward_means)
         return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), means
 

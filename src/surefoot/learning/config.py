@@ -8,9 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
-from surefoot.checks import parse_json_table
+from surefoot.checks import check_number, parse_json_table, shortened
 from surefoot.errors import UserError
+from surefoot.learning.config_check import check_config, check_hyper
 from surefoot.task.environment import EnvConfig, as_tuples
+from surefoot.task.random_pushes import DisturbanceConfig
 from surefoot.task.reward import Term
 
 HALF_LIFE_GAMMA = 0.95
@@ -22,6 +24,9 @@ PAPER_LAYERS = (100, 50, 25)
 
 DAGGER = "dagger"
 """The algorithm of runs in which a student learns from other policies, see `Distiller`."""
+
+LEARNERS = ("trpo", "ppo", "ddpg", DAGGER)
+"""All algorithms that a run may have."""
 
 OLD_KEYS = {"foresight": "privileged_critic"}
 OLD_ENV_KEYS = {
@@ -93,8 +98,17 @@ class TrainConfig:
 
         Raises:
             TypeError, KeyError: the table has an unknown key, or lacks one.
+            UserError: a value has another type, or is out of its range.
         """
-        return cls(**as_tuples({**values, "env": None}) | {"env": EnvConfig.from_values(values["env"])})
+        check_config(cls, values, "the run")
+        check_config(EnvConfig, values["env"], "env")
+        check_config(DisturbanceConfig, values["env"].get("disturbance", {}), "env.disturbance")
+        if values["algorithm"] not in LEARNERS:
+            raise UserError(f"unknown algorithm '{shortened(values['algorithm'])}'; valid: {', '.join(LEARNERS)}")
+        config = cls(**as_tuples({**values, "env": None}) | {"env": EnvConfig.from_values(values["env"])})
+        if config.algorithm != DAGGER:
+            check_hyper(config.hyper, "hyper")
+        return config
 
     def to_json(self) -> str:
         """Return the configuration as JSON; of extra reward terms it tells the functions' names only."""
@@ -114,15 +128,12 @@ class TrainConfig:
         can be given again.
 
         Raises:
-            ValueError, TypeError, KeyError: the text is not what `to_json` writes.
+            ValueError, TypeError, KeyError, AttributeError: the text is not what `to_json` writes.
         """
-        values = _renamed(parse_json_table(text, "a configuration"), OLD_KEYS)
-        env = _renamed(values["env"], OLD_ENV_KEYS)
-        env["disturbance"] = _renamed(env["disturbance"], OLD_DISTURBANCE_KEYS)
-        env["extra_terms"] = {
-            name: Term(_not_stored(name), term["weight"], term["alpha"])
-            for name, term in env.get("extra_terms", {}).items()
-        }
+        values = _renamed(parse_json_table(text, "a configuration"), OLD_KEYS, "the run")
+        env = _renamed(values["env"], OLD_ENV_KEYS, "env")
+        env["disturbance"] = _renamed(env["disturbance"], OLD_DISTURBANCE_KEYS, "env.disturbance")
+        env["extra_terms"] = {name: _stored_term(name, term) for name, term in env.get("extra_terms", {}).items()}
         return cls.from_values({**values, "env": env})
 
 
@@ -131,9 +142,19 @@ def with_budget(config: TrainConfig, minutes: float | None, steps: int | None, s
     return dataclasses.replace(config, minutes=minutes or config.minutes, steps=steps or config.steps, seed=seed)
 
 
-def _renamed(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
-    """Return the values under their new names."""
+def _renamed(values: Any, names: Mapping[str, str], where: str) -> dict[str, Any]:
+    """Return the values of a table under their new names."""
+    if not isinstance(values, Mapping):
+        raise UserError(f"{where} must be a table, not {shortened(values)}")
     return {names.get(key, key): value for key, value in values.items()}
+
+
+def _stored_term(name: str, told: Mapping[str, Any]) -> Term:
+    """Return an extra reward term as a file holds it: without its function."""
+    for key in ("weight", "alpha"):
+        if told[key] is not None:
+            check_number(f"the {key} of the reward term '{shortened(name)}'", told[key])
+    return Term(_not_stored(name), told["weight"], told["alpha"])
 
 
 def _not_stored(name: str) -> Callable[..., NoReturn]:

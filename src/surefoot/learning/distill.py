@@ -17,6 +17,8 @@ import numpy as np
 import torch
 
 from surefoot.agents.network import NetworkAgent
+from surefoot.checks import check_fields
+from surefoot.errors import UserError
 from surefoot.learning.budget import MEASURED_S, MEASURED_SHARE, SPEED, SPENT, budget_for
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.interrupt import deferred_interrupt
@@ -69,6 +71,19 @@ class DistillConfig:
     either: float = 0.0
     recovering_weight: float = 3.0
 
+    @classmethod
+    def from_hyper(cls, values: Mapping[str, Any]) -> DistillConfig:
+        """Return what the table `hyper` of a configuration says.
+
+        Raises:
+            UserError: it has an unknown key, lacks one, or a value has another type.
+        """
+        check_fields(cls, values, "hyper")
+        try:
+            return cls(**values)
+        except TypeError as error:
+            raise UserError(f"hyper: {error}") from error
+
 
 class Distiller:
     """One distillation in its run folder.
@@ -97,7 +112,7 @@ class Distiller:
         num_threads: int = 0,
     ):
         self.config, self.folder, self.on_progress = config, folder, on_progress
-        self.told = told = DistillConfig(**config.hyper)
+        self.told = told = DistillConfig.from_hyper(config.hyper)
         self.env = PushRecoveryVectorEnv(config.num_envs, config.env, num_threads)
         self.teachers = Teachers(read_teachers(told.teachers, config.env, folder, resume, num_threads), self.env)
         self.losses = np.zeros(len(told.teachers))

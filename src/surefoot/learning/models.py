@@ -11,6 +11,7 @@ from sb3_contrib import TRPO
 from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import BatchDDPG, ExplorationNoise, MirroredReplayBuffer
 from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, with_privileged
@@ -30,12 +31,18 @@ def make_model(
         venv: the robots.
         rng: of DDPG's exploration.
         learning_rate: a number, or what stable-baselines3 calls before every update.
+
+    Raises:
+        UserError: the algorithm does not have an argument of `hyper`, or does not take its value.
     """
     torch.set_num_threads(1)  # sums depend on their number; and with DDPG the other cores move the robots meanwhile
     make = _off_policy if config.algorithm == "ddpg" else _on_policy
     hyper = {**config.hyper, "learning_rate": learning_rate, "seed": config.seed, "device": "cpu"}
     networks = {"num_privileged": len(SIGNS) if config.privileged_critic else 0}
-    return make(config, venv, rng, hyper, networks)
+    try:
+        return make(config, venv, rng, hyper, networks)
+    except (TypeError, ValueError, AssertionError, MemoryError) as error:
+        raise UserError(f"{config.algorithm} cannot be made with the arguments of hyper: {error}") from error
 
 
 def _on_policy(

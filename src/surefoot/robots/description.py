@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import fnmatch
 import importlib.util
-import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+from surefoot.checks import check_path, is_number, parse_toml, read_text, shortened
 from surefoot.errors import UserError
 
 _KEYS = {
@@ -23,6 +22,8 @@ _NEEDED = ("model", "root", "feet", "motors", "poses")
 CONTACTS = ("file", "legs")
 """What touches what: as the MJCF file says, or everything the floor and each leg the other leg, and nothing else."""
 CONES = ("pyramidal", "elliptic")
+_LARGE = 1e12
+"""No number of a robot is as large."""
 _T = TypeVar("_T")
 _WORDS = {str: "a text", dict: "a table", float: "a number", bool: "true or false"}
 
@@ -128,6 +129,7 @@ def read_description(file: Path) -> Description:
     """
     values = _read_table(file)
     model = _model_folder(values, file) / values["model"]
+    check_path(f"{file}: model", model)
     if not model.is_file():
         raise UserError(f"{file}: model: there is no file {model}")
     torso = values.get("torso", {"body": values["root"]})
@@ -161,12 +163,7 @@ def read_description(file: Path) -> Description:
 
 def _read_table(file: Path) -> dict[str, Any]:
     """The file's table, its keys and the kinds of their values checked."""
-    try:
-        values = tomllib.loads(file.read_text())
-    except OSError as error:
-        raise UserError(f"cannot read robot {file}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise UserError(f"cannot read robot {file}: {error}") from error
+    values = parse_toml(read_text(file, "robot"), f"robot {file}")
     _check_keys(values, _KEYS, str(file), _NEEDED)
     for key, value in values.items():
         _check_kind(value, _KEYS[key], f"{file}: {key}")
@@ -192,7 +189,7 @@ def _poses(values: dict[str, Any], file: Path) -> tuple[dict[str, dict[str, floa
         raise UserError(f"{file}: at least one pose is needed")
     default_pose = values.get("default_pose", next(iter(poses)))
     if default_pose not in poses:
-        raise UserError(f"{file}: unknown default_pose '{default_pose}'; valid: {', '.join(poses)}")
+        raise UserError(f"{file}: unknown default_pose '{shortened(default_pose)}'; valid: {', '.join(poses)}")
     return poses, default_pose
 
 
@@ -200,7 +197,7 @@ def _one_of(values: dict[str, Any], key: str, valid: Sequence[str], file: Path) 
     """The value of a key that takes one of some words; empty without the key."""
     word: str = values.get(key, "")
     if key in values and word not in valid:
-        raise UserError(f"{file}: unknown {key} '{word}'; valid: {', '.join(valid)}")
+        raise UserError(f"{file}: unknown {key} '{shortened(word)}'; valid: {', '.join(valid)}")
     return word
 
 
@@ -209,7 +206,7 @@ def _motor(values: Any, where: str) -> Motor:
     _check_keys(values, dict.fromkeys(Motor.__annotations__, float), where)
     for key, value in values.items():
         if not _is_number(value) or value < 0.0:
-            raise UserError(f"{where}: {key} must be a number that is not negative, not {value}")
+            raise UserError(f"{where}: {key} must be a number that is not negative, not {shortened(value)}")
         if key in ("torque", "speed") and value == 0.0:
             raise UserError(f"{where}: {key} must be above 0, not {value}; a joint without a motor is held")
     return Motor(**{key: float(value) for key, value in values.items()})
@@ -219,9 +216,9 @@ def _floor(values: dict[str, Any], where: str) -> Floor:
     _check_keys(values, {"friction": float, "solref": list}, where)
     friction, solref = values.get("friction", Floor.friction), values.get("solref", list(Floor.solref))
     if not _is_number(friction) or friction < 0.0:
-        raise UserError(f"{where}: friction must be a number that is not negative, not {friction}")
+        raise UserError(f"{where}: friction must be a number that is not negative, not {shortened(friction)}")
     if not (isinstance(solref, list) and len(solref) == 2 and all(map(_is_number, solref))):
-        raise UserError(f"{where}: solref must be two numbers, not {solref}")
+        raise UserError(f"{where}: solref must be two numbers, not {shortened(solref)}")
     return Floor(float(friction), (float(solref[0]), float(solref[1])))
 
 
@@ -229,7 +226,7 @@ def _angles(values: Any, where: str) -> dict[str, float]:
     _check_kind(values, dict, where)
     for joint, angle in values.items():
         if not _is_number(angle):
-            raise UserError(f"{where}: the angle of {joint} must be a number [rad], not {angle}")
+            raise UserError(f"{where}: the angle of {joint} must be a number [rad], not {shortened(angle)}")
     return {joint: float(angle) for joint, angle in values.items()}
 
 
@@ -247,7 +244,7 @@ def _check_texts(values: dict[str, Any], where: str, valid: Sequence[str], neede
 def _check_keys(values: dict[str, Any], valid: Mapping[str, object], where: str, needed: Sequence[str] = ()) -> None:
     unknown = [key for key in values if key not in valid]
     if unknown:
-        raise UserError(f"{where}: unknown key '{unknown[0]}'; valid: {', '.join(valid)}")
+        raise UserError(f"{where}: unknown key '{shortened(unknown[0])}'; valid: {', '.join(valid)}")
     missing = [key for key in needed if key not in values]
     if missing:
         raise UserError(f"{where}: key '{missing[0]}' is needed")
@@ -256,8 +253,8 @@ def _check_keys(values: dict[str, Any], valid: Mapping[str, object], where: str,
 def _check_kind(value: Any, kind: type, where: str) -> None:
     fits = _is_number(value) if kind is float else isinstance(value, kind)
     if not fits:
-        raise UserError(f"{where} must be {_WORDS[kind]}, not {value}")
+        raise UserError(f"{where} must be {_WORDS[kind]}, not {shortened(value)}")
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return is_number(value) and abs(value) < _LARGE

@@ -64,9 +64,14 @@ def _file(name: str | Path) -> Path:
 @functools.cache
 def _load(file: Path, name: str) -> Robot:
     description = read_description(file)
-    spec, held = read_spec(description)
-    left, _ = add_sites(spec, description)
-    model = compile_model(spec.copy())
+    try:
+        spec, held = read_spec(description)
+        left, _ = add_sites(spec, description)
+        model = compile_model(spec.copy())
+    except UserError:
+        raise
+    except (ValueError, mujoco.FatalError) as error:  # of MuJoCo's compiler, when joints are welded and motors added
+        raise UserError(f"{file}: the model cannot be built: {error}") from error
     joint_ids = model.actuator_trnid[:, 0]
     joints = tuple(model.joint(i).name for i in joint_ids)
     _check_ranges(model, joint_ids, file)

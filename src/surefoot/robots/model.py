@@ -19,6 +19,9 @@ TORSO = "torso_point"
 """Name of the site that stands for the torso's position."""
 STIFFNESS_COLUMN, DAMPING_COLUMN = 4, 6
 """Where the compiler puts the gains of a motor in `actuator_gainprm`."""
+_PLACES = ("body_pos", "body_quat", "body_mass", "body_inertia", "jnt_pos", "jnt_axis", "jnt_range", "geom_pos",
+           "geom_quat", "geom_size")  # fmt: skip
+"""Arrays of a model that must be finite, in MuJoCo's words."""
 _VOLTAGE = 48.0
 """MuJoCo's motor model wants one; only ratios of it count."""
 _STALL = 10.0
@@ -36,10 +39,13 @@ def read_spec(description: Description) -> tuple[mujoco.MjSpec, dict[str, float]
     """
     try:
         spec = mujoco.MjSpec.from_file(str(description.model))
-        spec.compile()
+        model = spec.compile()
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{description.file}: cannot read the model {description.model}: {reason}") from error
+    for name in _PLACES:
+        if not np.isfinite(getattr(model, name)).all():
+            raise UserError(f"{description.file}: the model {description.model} has a {name} that is not finite")
     _check_names(spec, description)
     own_motors = {a.target: _own_motor(a) for a in spec.actuators} if description.own_actuators else {}
     for element in (*spec.sensors, *spec.keys, *spec.actuators):
@@ -108,6 +114,8 @@ def _check_names(spec: mujoco.MjSpec, description: Description) -> None:
     if description.torso_site and description.torso_site not in [site.name for site in spec.sites]:
         raise UserError(f"{description.file}: torso: there is no site '{description.torso_site}' in the model")
     joints = [joint.name for joint in _hinges(spec)]
+    if not all(joint.name and joint.parent.name for joint in _hinges(spec)):
+        raise UserError(f"{description.file}: a hinge of the model, or the body that it turns, has no name")
     tables = {"motors": description.motors, "held": description.held}
     tables |= {f"pose {name}": pose for name, pose in description.poses.items()}
     for where, table in tables.items():

@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
 
+from surefoot.checks import shortened
 from surefoot.errors import UserError
 from surefoot.rates import CONTROL_HZ, POLICY_HZ
 from surefoot.robots import Robot
@@ -116,6 +117,22 @@ class Agent(Protocol):
         ...
 
 
+def as_numbers(value: Any) -> np.ndarray:
+    """Return what somebody else's code answers as float64 numbers, of whatever shape.
+
+    Raises:
+        UserError: it is a text, a ragged list, or anything else than numbers. An object of somebody else's may raise
+            anything in addition.
+    """
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError) as error:  # such as lists of different lengths
+        raise UserError(f"an array of numbers is needed, not {shortened(value)}") from error
+    if array.dtype.kind not in "fiub":
+        raise UserError(f"an array of numbers is needed, not one of {array.dtype.name[:60]}: {shortened(value)}")
+    return array.astype(np.float64, copy=False)
+
+
 def check_agent(agent: Agent) -> None:
     """Check what an agent wants of the control loop.
 
@@ -124,10 +141,10 @@ def check_agent(agent: Agent) -> None:
     """
     if agent.rate_hz not in RATES_HZ:
         valid = ", ".join(map(str, RATES_HZ))
-        raise UserError(f"{agent.name} must have a rate_hz of {valid}, not {agent.rate_hz}")
+        raise UserError(f"{agent.name} must have a rate_hz of {valid}, not {shortened(agent.rate_hz)}")
     for what, value, valid_ones in (("path", agent.path, PATHS), ("inputs", agent.inputs, get_args(Inputs))):
         if value not in valid_ones:
-            raise UserError(f"{agent.name}'s {what} must be {' or '.join(valid_ones)}, not {value}")
+            raise UserError(f"{agent.name}'s {what} must be {' or '.join(valid_ones)}, not {shortened(value)}")
     stiffness, damping = agent.gains
     for what, gains, is_valid in (("stiffness", stiffness, np.greater), ("damping", damping, np.greater_equal)):
         if np.shape(gains) != (agent.robot.num_joints,):

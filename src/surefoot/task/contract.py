@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
-from surefoot.checks import check_fields, check_path, is_number, parse_json_table, shortened
+from surefoot.checks import check_fields, check_path, check_text, is_number, parse_json_table, shortened
 from surefoot.errors import UserError
 from surefoot.physics.signals import CUTOFF_HZ
 from surefoot.rates import CONTROL_HZ, POLICY_HZ
@@ -19,6 +19,8 @@ MEMORY_FORMAT = 2
 """The format of policies that take past observations or actions: versions before cannot run them."""
 MOST_PAST = 250
 """Ten seconds: more is a mistake."""
+_LARGE = 1e6
+"""No angle and no scale is as large."""
 _MEMORY = ("past_observations", "past_actions")
 
 
@@ -105,6 +107,7 @@ class Contract:
         if not isinstance(self.robot, str):
             raise UserError(f"policy's robot must be a name, not {shortened(self.robot)}")
         check_path("policy's robot", self.robot)
+        check_text("policy's robot_fingerprint", self.robot_fingerprint)
         robot = load_robot(self.robot)
         if self.robot_fingerprint and self.robot_fingerprint != robot.fingerprint:
             raise UserError(
@@ -118,19 +121,23 @@ class Contract:
         for name in (f.name for f in dataclasses.fields(self) if f.name not in free):
             if getattr(self, name) != getattr(expected, name):
                 raise UserError(
-                    f"policy's {name} is {getattr(self, name)}, but {robot.name} has {getattr(expected, name)}"
+                    f"policy's {name} is {shortened(getattr(self, name), 1000)}, but {robot.name} has "
+                    f"{getattr(expected, name)}"
                 )
         return robot
 
     def _check_numbers(self, robot: Robot) -> None:
         pose, scale = self.nominal_pose, self.action_scale
-        if not (isinstance(pose, tuple) and len(pose) == robot.num_joints and all(map(is_number, pose))):
-            raise UserError(f"policy's nominal_pose must be {robot.num_joints} finite angles, not {pose}")
-        if not (is_number(scale) and scale > 0):
-            raise UserError(f"policy's action_scale must be positive, not {scale}")
+        is_pose = isinstance(pose, tuple) and len(pose) == robot.num_joints
+        if not (is_pose and all(is_number(angle) and abs(angle) < _LARGE for angle in pose)):
+            raise UserError(f"policy's nominal_pose must be {robot.num_joints} finite angles, not {shortened(pose)}")
+        if not (is_number(scale) and 0 < scale < _LARGE):
+            raise UserError(f"policy's action_scale must be positive, not {shortened(scale)}")
         for name in _MEMORY:
             if type(number := getattr(self, name)) is not int or not 0 <= number <= MOST_PAST:
-                raise UserError(f"policy's {name} must be a whole number from 0 to {MOST_PAST}, not {number}")
+                raise UserError(
+                    f"policy's {name} must be a whole number from 0 to {MOST_PAST}, not {shortened(number)}"
+                )
 
     def to_json(self) -> str:
         """Write the contract as `from_json` reads it."""

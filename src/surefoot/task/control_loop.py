@@ -20,8 +20,8 @@ from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import Robot
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.task import observation
-from surefoot.task.agent import Agent, Command, check_agent
-from surefoot.task.guard import NOT_FINITE, Guard
+from surefoot.task.agent import Agent, Command, as_numbers
+from surefoot.task.guard import NOT_FINITE, Guard, prepare
 from surefoot.task.imperfections import PERFECT, Imperfections
 from surefoot.task.state import state_of
 
@@ -84,10 +84,9 @@ class ControlLoop:
         """Let an agent drive the robots from now on; its rate, path, inputs and gains are asked for here only.
 
         Raises:
-            UserError: the agent wants a rate, a path, inputs or gains that there are not.
+            UserError: the agent wants a rate, a path, inputs or gains that there are not, or raises an error.
         """
-        check_agent(agent)
-        agent.prepare(len(self._everyone))
+        prepare(agent, len(self._everyone))
         self._guard = Guard(agent, len(self._everyone), self.robot.num_joints)
         self.nominal = np.array(agent.contract.nominal_pose)
         self.engine.set_gains(*agent.gains)
@@ -179,12 +178,16 @@ class ControlLoop:
             The step's ticks of these robots, in a buffer that the next step overwrites.
 
         Raises:
-            UserError: the actions have the wrong shape.
+            UserError: the actions are no numbers, or have the wrong shape.
         """
         num_actions = (len(self._everyone if ids is None else ids), self.robot.num_joints)
-        if np.shape(actions) != num_actions:
-            raise UserError(f"actions must have shape {num_actions}, not {np.shape(actions)}")
-        goal = self.nominal + self.action_scale * np.clip(np.asarray(actions, np.float64), -1.0, 1.0)
+        try:
+            asked = as_numbers(actions)
+        except UserError as error:
+            raise UserError(f"actions must have shape {num_actions}: {error}") from error
+        if asked.shape != num_actions:
+            raise UserError(f"actions must have shape {num_actions}, not {asked.shape}")
+        goal = self.nominal + self.action_scale * np.clip(asked, -1.0, 1.0)
         self._write_pushes()
         goal = self._motor_targets(Command(goal), self._shake(ids), CUBIC)
         return self._advance(ids, WHOLE_STEP, goal, CUBIC)

@@ -12,7 +12,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from surefoot.task.agent import Agent, Command
+from surefoot.checks import shortened
+from surefoot.errors import UserError
+from surefoot.task.agent import Agent, Command, as_numbers, check_agent
 
 PATIENCE_S = 0.1
 """A control step that takes longer than this per robot (and `PATIENCE_S * 20` in all) fails its trials."""
@@ -77,8 +79,8 @@ class Guard:
 
     def _checked(self, answer: Any, num_robots: int) -> Command | None:
         try:
-            parts = [np.asarray(part, np.float64) for part in answer if part is not None]
-        except (TypeError, ValueError):
+            parts = [as_numbers(part) for part in answer if part is not None]
+        except Exception:  # it is the agent's own object, which may raise anything
             return None
         shape = (num_robots, self._num_joints)
         fits = 1 <= len(parts) <= 2 and all(part.shape == shape for part in parts)
@@ -95,13 +97,37 @@ class Guard:
             return []
         except Exception as error:
             if len(ids) == 1:
-                self.fail(ids, RAISED, f"{type(error).__name__}: {error}")
+                self.fail(ids, RAISED, in_words(error))
                 return []
         return [answer for row in rows for answer in self._call_alone(call, ids, int(row))]
 
     def _call_alone(self, call: Callable[[Any], Answer], ids: np.ndarray, row: int) -> list[tuple[np.ndarray, Answer]]:
         one = np.array([row])
         return [(one, answer) for _, answer in self._call(lambda _: call(one), ids[one])]
+
+
+def prepare(agent: Agent, num_robots: int) -> None:
+    """Check what an agent wants, and let it get ready to drive robots 0 to `num_robots` - 1.
+
+    Raises:
+        UserError: it raises anything, or wants what there is not.
+    """
+    try:
+        check_agent(agent)
+        agent.prepare(num_robots)
+    except UserError:
+        raise
+    except Exception as error:
+        raise UserError(f"{agent.name} cannot drive {num_robots} robots: {in_words(error)}") from error
+
+
+def in_words(error: Exception) -> str:
+    """An exception of somebody else's code in one line that is not too long."""
+    try:
+        said = " ".join(str(error).split())
+    except Exception:
+        said = ""
+    return f"{type(error).__name__}: {shortened(said, 200)}"
 
 
 class _TooLate(BaseException):

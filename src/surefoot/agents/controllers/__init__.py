@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.agents.controllers.controller import Command, Controller, ControllerAgent, State
+from surefoot.checks import read_text
 from surefoot.errors import UserError
 from surefoot.robots import Robot
+from surefoot.task.guard import in_words
 
 __all__ = ["Command", "Controller", "ControllerAgent", "State", "load_controller", "shipped_controllers"]
 
@@ -60,10 +62,7 @@ def load_controller(name: str, robot: Robot) -> ControllerAgent:
         return ControllerAgent(name, made, controller_digest(made), robot)
     file, _, class_name = name.rpartition(":")
     path = Path(file)
-    try:
-        code = path.read_text()
-    except OSError as error:
-        raise UserError(f"cannot read controller {path}: {error.strerror or error}") from error
+    code = read_text(path, "controller")
     made = _class_of(path, class_name)
     return ControllerAgent(name, made, controller_digest(made, code), robot)
 
@@ -123,7 +122,10 @@ def _class_of(path: Path, class_name: str) -> Any:
     try:
         spec.loader.exec_module(module)
     except Exception as error:
-        raise UserError(f"cannot import {path}: {type(error).__name__}: {error}") from error
-    if not hasattr(module, class_name):
+        raise UserError(f"cannot import {path}: {in_words(error)}") from error
+    except SystemExit as error:
+        raise UserError(f"cannot import {path}: it ends the program") from error
+    made = getattr(module, class_name, None)
+    if not callable(made):
         raise UserError(f"{path} has no class '{class_name}'")
-    return getattr(module, class_name)
+    return made

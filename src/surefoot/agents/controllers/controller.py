@@ -17,6 +17,7 @@ from surefoot.errors import UserError
 from surefoot.robots import Robot
 from surefoot.task.agent import RATES_HZ, Agent, Command, Gains, Inputs, check_agent
 from surefoot.task.contract import Contract
+from surefoot.task.guard import in_words
 from surefoot.task.state import State
 
 __all__ = ["RATES_HZ", "Command", "Controller", "ControllerAgent", "State"]
@@ -74,20 +75,28 @@ class ControllerAgent:
     def __init__(self, name: str, make: Callable[[Robot, int], Controller], digest: str, robot: Robot):
         self.name, self.make, self.robot = name, make, robot
         self._code_digest = digest
-        wishes = self._made_for_one()
-        self.rate_hz: int = getattr(wishes, "rate_hz", None)  # type: ignore[assignment]  # None is refused below
+        self.failures: Counter[str] = Counter()
+        try:
+            self._read(self._made_for_one())
+            check_agent(self)
+        except UserError:
+            raise
+        except Exception as error:  # of its own code
+            raise UserError(f"{name} does not say what it wants: {in_words(error)}") from error
+        self.times = StepTimes(self.rate_hz)
+        self._controller: Controller | None = None
+
+    def _read(self, wishes: Controller) -> None:
+        """Keep what the controller for a single robot says that it wants."""
+        self.rate_hz: int = getattr(wishes, "rate_hz", None)  # type: ignore[assignment]  # None is refused afterwards
         self.path: str = getattr(wishes, "path", "hold")
         self.clips_targets: bool = getattr(wishes, "clips_targets", True)
         self.gains = Gains(
-            np.asarray(getattr(wishes, "stiffness", robot.stiffness), float),
-            np.asarray(getattr(wishes, "damping", robot.damping), float),
+            np.asarray(getattr(wishes, "stiffness", self.robot.stiffness), float),
+            np.asarray(getattr(wishes, "damping", self.robot.damping), float),
         )
-        self.digest = _with_files(digest, getattr(wishes, "files", ()))
-        self._pose = self._angles_of(getattr(wishes, "pose", robot.default_pose))
-        self.failures: Counter[str] = Counter()
-        check_agent(self)
-        self.times = StepTimes(self.rate_hz)
-        self._controller: Controller | None = None
+        self.digest = _with_files(self._code_digest, getattr(wishes, "files", ()))
+        self._pose = self._angles_of(getattr(wishes, "pose", self.robot.default_pose))
 
     def anew(self) -> ControllerAgent:
         """The same controller without the times and failures of this one."""
@@ -155,9 +164,7 @@ class ControllerAgent:
         except UserError:
             raise
         except Exception as error:
-            raise UserError(
-                f"{self.name} cannot be made for {self.robot.name}: {type(error).__name__}: {error}"
-            ) from error
+            raise UserError(f"{self.name} cannot be made for {self.robot.name}: {in_words(error)}") from error
 
     def _angles_of(self, pose: Any) -> np.ndarray:
         """The pose in which trials begin (num_joints,) [rad], by its name or as angles."""

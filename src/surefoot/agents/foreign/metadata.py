@@ -7,7 +7,7 @@ them. unitree_rl_lab writes a `deploy.yaml` beside it.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from surefoot.agents.foreign.interface import Interface, Term
 from surefoot.agents.foreign.network import Network
+from surefoot.checks import check_number, read_text, shortened
 from surefoot.errors import UserError
 from surefoot.robots import Robot
 
@@ -25,6 +26,8 @@ _NO_VELOCITY_COMMANDS = "motion"
 _USUAL_RATE_HZ = 50
 """The rate of all these projects' locomotion tasks; their metadata does not name it."""
 _DEPLOY = "deploy.yaml"
+_MAX_HISTORY = 1000
+"""Control steps of the past: 20 s at the usual rate."""
 
 
 def read_interface(network: Network, robot: Robot) -> Interface:
@@ -37,15 +40,25 @@ def read_interface(network: Network, robot: Robot) -> Interface:
     Raises:
         UserError: a key is missing or wrong; the message names file and key.
     """
-    if any(key in network.metadata for key in NEEDED):
-        return _from_metadata(network.metadata, str(network.file))
     deploy = _deploy_file(network.file)
+    if any(key in network.metadata for key in NEEDED):
+        return _whole(lambda: _from_metadata(network.metadata, str(network.file)), str(network.file))
     if deploy:
-        return _from_deploy(_read_yaml(deploy), str(deploy), robot)
+        return _whole(lambda: _from_deploy(_read_yaml(deploy), str(deploy), robot), str(deploy))
     raise UserError(
         f"{network.file}: no policy of surefoot's, and it does not say how it is driven: its metadata has none of "
         f"{', '.join(NEEDED)}, and there is no {_DEPLOY} beside it (docs/foreign-policies.md)"
     )
+
+
+def _whole(read: Callable[[], Interface], source: str) -> Interface:
+    """Return what is read, with one line for whatever stands in the place of a table, a list or a number."""
+    try:
+        return read()
+    except UserError:
+        raise
+    except (TypeError, ValueError, AttributeError, KeyError, IndexError, OverflowError, RecursionError) as error:
+        raise UserError(f"{source} does not say how the policy is driven: {type(error).__name__}: {error}") from error
 
 
 def _from_metadata(values: Mapping[str, str], source: str) -> Interface:
@@ -83,7 +96,7 @@ def _terms(names: Sequence[str], values: Mapping[str, str], source: str) -> tupl
     terms = []
     for place, name in enumerate(names):
         scale, clip, history, flat = (columns[key][place] for key in columns)
-        length = int(_number(history or "0", f"{source}: observation_terms_history_length"))
+        length = _history(history or 0, f"{source}: observation_terms_history_length")
         if length > 1 and flat == "False":
             raise UserError(f"{source}: observation_terms_flatten_history_dim: {name} is a matrix; vectors are known")
         scales = tuple(_number(part, f"{source}: observation_terms_scale") for part in (scale or "1").split(";"))
@@ -111,8 +124,10 @@ def _read_yaml(file: Path) -> dict[str, Any]:
 
     Loader.add_multi_constructor("tag:yaml.org,2002:python/", lambda loader, suffix, node: None)
     try:
-        values = yaml.load(file.read_text(), Loader)
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        values = yaml.load(read_text(file, "description of a policy"), Loader)
+    except UserError:
+        raise
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
         raise UserError(f"cannot read {file}: {' '.join(str(error).split())}") from error
     if not isinstance(values, dict):
         raise UserError(f"{file}: must be a table of keys and values")
@@ -158,7 +173,7 @@ def _deploy_term(name: str, values: dict[str, Any], source: str) -> Term:
         name,
         1.0 if scale is None else tuple(np.atleast_1d(_listed(values, "scale", where)).tolist()),
         (float(clip[0]), float(clip[1])),
-        max(int(values.get("history_length") or 1), 1),
+        max(_history(values.get("history_length") or 1, f"{where}: history_length"), 1),
         (values.get("params") or {}).get("period"),
     )
 
@@ -172,7 +187,7 @@ def _only(table: dict[str, Any], key: str, where: str) -> dict[str, Any]:
 def _listed(values: Mapping[str, Any], key: str, source: str) -> np.ndarray:
     try:
         return np.asarray(values[key], float)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise UserError(f"{source}: {key} must be a list of numbers") from error
 
 
@@ -197,12 +212,14 @@ def _parts(text: str) -> list[str]:
 def _number(text: Any, where: str) -> float:
     try:
         return float(text)
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{where}: '{text}' is not a number") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UserError(f"{where}: '{shortened(text)}' is not a number") from error
+
+
+def _history(text: Any, where: str) -> int:
+    return int(check_number(where, _number(text, where), 0, _MAX_HISTORY, whole=True))
 
 
 def _rate(step_dt: Any, source: str) -> int:
-    seconds = _number(step_dt, f"{source}: step_dt")
-    if not seconds > 0.0:
-        raise UserError(f"{source}: step_dt must be positive, not {seconds:g}")
+    seconds = check_number(f"{source}: step_dt", _number(step_dt, f"{source}: step_dt"), 1e-4, 10.0)
     return round(1.0 / seconds)

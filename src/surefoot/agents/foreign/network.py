@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from surefoot.agents.onnx_check import (
+    FOREIGN_OPERATORS,
+    MAX_BYTES,
+    check_growth,
+    metadata,
+    outside_files,
+    read_model,
+)
+from surefoot.checks import read_bytes
 from surefoot.errors import UserError
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
 
 _SAME = 1e-4
 """A network that is run for many robots at once may differ from one that is run for each by this share."""
@@ -28,24 +40,25 @@ class Network:
         num_inputs, num_outputs: numbers per robot.
 
     Raises:
-        UserError: the file cannot be read, or is no network of one input and one output vector.
+        UserError: the file cannot be read, has parts that are refused (see `read_model`), or is no network of one input
+            and one output vector.
     """
 
     def __init__(self, file: Path | str):
         self.file = Path(file)
-        try:
-            self.file.read_bytes()
-        except OSError as error:
-            raise UserError(f"cannot read policy {self.file}: {error.strerror or error}") from error
-        self.metadata = read_metadata(self.file) or {}
-        self.files = (self.file, *_outside(self.file))
-        self._session = self._opened(str(self.file))
+        folder, source = self.file.parent, str(self.file)
+        data = read_bytes(self.file, "policy", MAX_BYTES)
+        self.files = (self.file, *_outside(data, folder))
+        self._model = read_model(data, source, FOREIGN_OPERATORS, folder)
+        self.metadata = metadata(self._model, source)
+        self._session = self._opened(self._model)
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
         if len(inputs) != 1 or not outputs:
             names = ", ".join(each.name for each in inputs)
             raise UserError(f"{self.file}: has {len(inputs)} inputs ({names}); a policy has one vector of observations")
         self._input, self._output = inputs[0].name, outputs[0].name
         self.num_inputs, self.num_outputs = self._size(inputs[0]), self._size(outputs[0])
+        check_growth(self._for(1), source)
         self._whole_batch: Any = self._session if isinstance(inputs[0].shape[0], str | None) else self._widened()
 
     def __call__(self, observations: np.ndarray) -> np.ndarray:
@@ -59,14 +72,14 @@ class Network:
     def _run(self, session: Any, observations: np.ndarray) -> np.ndarray:
         return np.asarray(session.run([self._output], {self._input: observations})[0], np.float64)
 
-    def _opened(self, model: str | bytes) -> Any:
+    def _opened(self, model: ModelProto) -> Any:
         import onnxruntime
 
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
         options.log_severity_level = 4
         try:
-            return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+            return onnxruntime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises a family of undocumented types
             raise UserError(f"{self.file} is not a policy file: not a readable ONNX network") from error
 
@@ -81,15 +94,9 @@ class Network:
 
     def _widened(self) -> Any:
         """The same network for any number of robots; None if it is not the same then."""
-        import onnx
-
-        model = onnx.load(self.file)
-        for tensor in (*model.graph.input, *model.graph.output):
-            tensor.type.tensor_type.shape.dim[0].dim_param = "robots"
-        del model.graph.value_info[:]  # what is known of the shapes between them was known for a batch of 1
         some = np.random.default_rng(0).standard_normal((3, self.num_inputs)).astype(np.float32)
         try:
-            session = self._opened(model.SerializeToString())
+            session = self._opened(self._for(None))
             together = self._run(session, some)
         except Exception:  # some part of the network insists on a batch of 1
             return None
@@ -97,25 +104,38 @@ class Network:
         is_same = together.shape == alone.shape and np.allclose(together, alone, rtol=_SAME, atol=_SAME)
         return session if is_same else None
 
+    def _for(self, num_robots: int | None) -> ModelProto:
+        """The network for so many robots, or for any number."""
+        import onnx
+
+        model = onnx.ModelProto()
+        model.CopyFrom(self._model)
+        for tensor in (*model.graph.input, *model.graph.output):
+            dims = tensor.type.tensor_type.shape.dim
+            if dims and num_robots:
+                dims[0].dim_value = num_robots
+            elif dims:
+                dims[0].dim_param = "robots"
+        del model.graph.value_info[:]  # what is known of the shapes between them was known for another batch
+        return model
+
 
 def read_metadata(file: Path) -> dict[str, str] | None:
     """The metadata of an ONNX file; None if it is none, or cannot be read."""
     import onnx
 
     try:
-        model = onnx.load(file, load_external_data=False)
+        model = onnx.load_model_from_string(read_bytes(file, "policy", MAX_BYTES))
     except Exception:  # protobuf's and onnx's own types, and the system's
         return None
     return {entry.key: entry.value for entry in model.metadata_props}
 
 
-def _outside(file: Path) -> list[Path]:
-    """Files beside an ONNX file that hold weights of it."""
+def _outside(data: bytes, folder: Path) -> list[Path]:
+    """Files in a folder that hold weights of an ONNX file."""
     import onnx
 
     try:
-        tensors = onnx.load(file, load_external_data=False).graph.initializer
+        return outside_files(onnx.load_model_from_string(data), folder)
     except Exception:  # whoever opens it says so
         return []
-    places = [entry.value for tensor in tensors for entry in tensor.external_data if entry.key == "location"]
-    return [file.parent / place for place in dict.fromkeys(places)]
