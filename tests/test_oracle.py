@@ -56,12 +56,10 @@ def test_a_planned_motion_rejects_what_the_pose_alone_does_not(monkeypatch: pyte
     shares: list[float] = []
     found = largest_possible(agent, line, 9, lambda size, iteration, share: shares.append(share))
     assert shares
-    if found.size == 54.0:
-        trials = [line.trial(9, 9_000_000 + i, full_length=True) for i in range(8)]
-        outcomes = oracle._run(agent, np.repeat(found.knots[None], 8, axis=0), trials, 0)
-        assert sum(map(line.succeeded, outcomes)) == found.succeeded >= 4
-    else:
-        assert found.size < 54.0
+    assert found.size == 54.0
+    trials = [line.trial(9, 9_000_000 + i, full_length=True) for i in range(8)]
+    outcomes = oracle._run(agent, np.repeat(found.knots[None], 8, axis=0), trials, 0)
+    assert sum(map(line.succeeded, outcomes)) == found.succeeded >= 4
 
 
 def test_equal_trials_keep_outcomes_of_their_own() -> None:
