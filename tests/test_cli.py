@@ -133,6 +133,10 @@ def test_directions_are_those_of_the_root_pushes_and_a_files_own_stay_as_they_st
     turned = ("root_push", "root_push_no_step")
     assert [paper[name] for name in turned] == [paper[f"{name}_within_limits"] for name in turned] == [16, 16]
     assert paper["torso_push"] == 4
+    for number, expected in ((None, 16), (8, 8)):
+        ring = {scenario.name: scenario.directions for scenario in chosen_scenarios("ring", number, robot)}
+        assert ring.pop("quiet") == 1
+        assert set(ring.values()) == {expected}
     both = [(scenario.name, scenario.directions) for scenario in chosen_scenarios("push", 8, robot)]
     assert both == [("root_push", 8), ("root_push_within_limits", 8)]
     (tmp_path / "s.toml").write_text('[[scenario]]\nname = "root_push"\nlatency = 0.02\n')

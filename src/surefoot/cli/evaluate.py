@@ -34,8 +34,9 @@ class Evaluate:
     suite: str = "push"
     """push (pushes at the floating body, the robot's root), paper (everything that the paper tests), robustness
     (beyond the paper), or a scenario file (.toml, docs/scenarios.md)."""
-    directions: int = 4
-    """Number of directions of the pushes at the root, evenly spaced."""
+    directions: int | None = None
+    """Number of directions of the pushes at the root, evenly spaced: 4 without it. In the suite ring, of all pushes: 16
+    without it."""
     robot: str = ""
     """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, docs/robot.md); the
     shipped policies' robot without it."""
@@ -54,7 +55,7 @@ class Evaluate:
         from surefoot.evaluation.results import Results
         from surefoot.evaluation.results_export import check_export
 
-        if self.directions < 4 or self.directions % 4:
+        if self.directions is not None and (self.directions < 4 or self.directions % 4):
             raise UserError(f"directions must be a multiple of 4, not {self.directions}")
         for file in (self.export, self.export_thresholds):
             if file:
@@ -146,8 +147,10 @@ def _print_tables(
             output.print(table.rich())
 
 
-def chosen_scenarios(suite_name: str, num_directions: int, robot: Robot) -> list[Scenario]:
+def chosen_scenarios(suite_name: str, num_directions: int | None, robot: Robot) -> list[Scenario]:
     """The scenarios of a suite for a robot, with so many directions of the pushes at the floating body.
+
+    In the suite ring, all pushes have as many. Without a number, each suite has its usual one.
 
     Every scenario that is searched comes twice: as it is, and within the joints' limits.
 

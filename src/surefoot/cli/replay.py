@@ -42,8 +42,8 @@ class Replay:
 
         with open_results(self.results) as results:
             row = results.row(self.row)
-        policy = replay.find_policy(row.policy_name, row.key.agent, self.policy)
         replay.check_setup(row.key.setup, f"row {self.row} of {self.results}")
+        policy = replay.find_policy(row.policy_name, row.key.agent, self.policy, row.key.setup.robot)
         outcome = replay.replay(row, policy)
         found = replay.differences(row.outcome, outcome)
         output = Console(soft_wrap=True, highlight=False, markup=False)

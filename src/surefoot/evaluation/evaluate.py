@@ -128,7 +128,7 @@ def evaluate_and_store(
 def evaluate(
     agent: Agent | str,
     suite: str | Sequence[Scenario] = "push",
-    directions: int = 4,
+    directions: int | None = None,
     results: str | Path | None = None,
     on_progress: OnProgress | None = None,
 ) -> list[Threshold]:
@@ -138,7 +138,8 @@ def evaluate(
         agent: a policy or a controller, or its name as `load_agent` takes it.
         suite: "push", "paper", "robustness", "ring", a scenario file (.toml), or scenarios of your own, whose sizes
             and directions stay as they are.
-        directions: number of evenly spaced directions of the pushes at the root.
+        directions: number of evenly spaced directions of the pushes at the root, and of all pushes of the suite ring;
+            the suite's own without it.
         results: results table (SQLite) to be filled; trials that it holds already are not run again. Without it
             nothing is kept.
         on_progress: told after every trial.
@@ -158,12 +159,13 @@ def evaluate(
         return evaluate_and_store(agent, scenarios, table, on_progress).thresholds
 
 
-def chosen_scenarios(suite: str, directions: int, robot: Robot) -> list[Scenario]:
+def chosen_scenarios(suite: str, directions: int | None, robot: Robot) -> list[Scenario]:
     """Return the scenarios of a suite for a robot, each that is searched followed by its twin within the limits.
 
     Args:
         suite: its name, or a scenario file.
-        directions: of the pushes at the root, evenly spaced.
+        directions: of the pushes at the root, and of all pushes of the suite ring, evenly spaced; the suite's own
+            number without it.
         robot: that is tested.
 
     Raises:
@@ -171,7 +173,12 @@ def chosen_scenarios(suite: str, directions: int, robot: Robot) -> list[Scenario
     """
     turned = (Scenario("root_push"), Scenario("root_push_no_step", without_step=True))
     found = read_suite(suite, robot)
-    return with_limits([dataclasses.replace(s, directions=directions) if s in turned else s for s in found])
+    if directions:
+        found = tuple(
+            dataclasses.replace(s, directions=directions) if s in turned or (suite == "ring" and s.search) else s
+            for s in found
+        )
+    return with_limits(found)
 
 
 def full_length_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:

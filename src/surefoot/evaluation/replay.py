@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from surefoot.agents.controllers import PREFIX
-from surefoot.agents.load import load_agent, load_policy, shipped_policies, usual_robot
+from surefoot.agents.load import NOMINAL, is_controller, load_agent, load_policy, shipped_policies, usual_robot
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import SUFFIX
@@ -20,41 +19,45 @@ from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.results import Row
 from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.trials import run_list
+from surefoot.robots import Robot, load_robot
 from surefoot.task.agent import Agent
 
 RUNS = Path("runs")
 """Where a policy is looked for beside the package: `surefoot train` and `reproduce` write here."""
 
 
-def find_policy(name: str, digest: str, given: str | Path | None = None) -> Agent:
+def find_policy(name: str, digest: str, given: str | Path | None = None, robot_name: str = "") -> Agent:
     """Find the policy or controller of a digest.
 
-    Without a given one, it is looked for among the shipped ones, the nominal pose and `runs/`.
+    Without a given one, it is looked for among the shipped ones, the robot's poses and `runs/`, and where a
+    controller's name says.
 
     Args:
         name: what results call it, for errors.
         digest: by which results know it.
         given: a shipped policy's name, a policy file, a run folder, or a controller's name.
+        robot_name: of the robot that a controller drove; that of the shipped policies without it.
 
     Raises:
         UserError: the given policy has another digest, or there is none of this digest.
     """
+    robot = load_robot(robot_name) if robot_name else usual_robot()
     if given is not None:
         folder = Path(given)
         files = sorted(map(str, folder.glob(f"*{SUFFIX}"))) if folder.is_dir() else [str(given)]
-        loaded = [load_agent(file) for file in files] or [load_policy(given)]
+        loaded = [_load(file, robot) for file in files] or [load_policy(given)]
         for policy in loaded:
             if policy.digest == digest:
                 return policy
         found = ", ".join(policy.digest[:12] for policy in loaded)
         raise UserError(f"{given} is another policy: its digest is {found}, that of '{name}' is {digest[:12]}")
-    if name.startswith(PREFIX):
-        controller = load_agent(name)
+    if is_controller(name):
+        controller = load_agent(name, robot)
         if controller.digest == digest:
             return controller
         raise UserError(f"{name} was another one: its digest was {digest[:12]}, now it is {controller.digest[:12]}")
-    for pose in usual_robot().poses:
-        nominal = NominalAgent(usual_robot(), pose)
+    for pose in robot.poses:
+        nominal = NominalAgent(robot, pose)
         if nominal.digest == digest:
             return nominal
     for data, place in _policy_files():
@@ -64,6 +67,11 @@ def find_policy(name: str, digest: str, given: str | Path | None = None) -> Agen
         f"no policy '{name}' of digest {digest[:12]} among the shipped ones ({', '.join(shipped_policies())}) and in "
         f"{RUNS}/; give it with --policy"
     )
+
+
+def _load(name: str, robot: Robot) -> Agent:
+    """Whoever is meant by a name; what is no network of ours drives the robot."""
+    return load_agent(name, robot if is_controller(name) or name == NOMINAL else None)
 
 
 def _policy_files() -> Iterator[tuple[bytes, str]]:

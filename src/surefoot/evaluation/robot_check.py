@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.outcome import Outcome
-from surefoot.evaluation.recorded import record_trials
+from surefoot.evaluation.recorded import RecordedTrial, record_trials
 from surefoot.evaluation.trials import Trial
 from surefoot.physics.speed import ticks_per_second
 from surefoot.rates import CONTROL_DT, CONTROL_HZ
@@ -29,6 +29,8 @@ _TILTED = np.radians(2.0)
 _UNEVEN = 0.005
 _NEAR_LIMIT = 0.05
 """A pose should leave a joint this much of its range on either side [rad]."""
+_LITTLE_STIFFNESS = 1.5
+"""Both ankles together should hold this many times the stiffness with which the weight topples the robot."""
 _MUCH_TORQUE = 0.7
 """Share of a torque limit that standing should not need."""
 _STIFF_DAMPING = 2.0
@@ -99,7 +101,7 @@ def check_robot(robot: Robot, pose: str = "") -> RobotCheck:
     torque = np.abs(last.joint_torque[0]).mean(axis=0)
     sag = (last.joint_position[0] - angles).mean(axis=0)
     outcomes = tuple(each.outcome for each in recorded)
-    findings = tuple(_findings(robot, angles, facts, outcomes, torque))
+    findings = tuple(_findings(robot, angles, facts, recorded, torque))
     return RobotCheck(robot, pose, facts, outcomes, torque, sag, _speeds(robot, angles, facts), findings)
 
 
@@ -111,11 +113,11 @@ def _speeds(robot: Robot, pose: np.ndarray, facts: PoseFacts) -> tuple[float, fl
 
 
 def _findings(
-    robot: Robot, pose: np.ndarray, facts: PoseFacts, outcomes: tuple[Outcome, ...], torque: np.ndarray
+    robot: Robot, pose: np.ndarray, facts: PoseFacts, recorded: Sequence[RecordedTrial], torque: np.ndarray
 ) -> Iterator[Finding]:
-    yield from _of_the_stand(robot, facts, outcomes)
+    yield from _of_the_stand(robot, facts, recorded)
     yield from _of_the_pose(robot, pose, facts)
-    yield from _of_the_motors(robot, facts, torque, any(outcome.recovered for outcome in outcomes))
+    yield from _of_the_motors(robot, facts, torque, any(each.outcome.recovered for each in recorded))
     yield from _of_the_size(robot, facts)
     if not robot.is_symmetric:
         yield Finding(False, "symmetric", "the robot goes without a mirror: learning takes about twice as long")
@@ -125,11 +127,12 @@ def _findings(
         yield Finding(False, "pushable", f"no word {words}, which the suite paper and the preset complete push")
 
 
-def _of_the_stand(robot: Robot, facts: PoseFacts, outcomes: tuple[Outcome, ...]) -> Iterator[Finding]:
-    failed = [outcome for outcome in outcomes if not outcome.recovered]
+def _of_the_stand(robot: Robot, facts: PoseFacts, recorded: Sequence[RecordedTrial]) -> Iterator[Finding]:
+    failed = [each for each in recorded if not each.outcome.recovered]
     if failed:
-        first = failed[0]
-        what = f"{first.reason} after {first.seconds:.1f} s in {len(failed)} of {len(outcomes)} trials"
+        first = failed[0].outcome
+        way = f" {_leaning(failed[0])}" if first.reason == "fell" else ""
+        what = f"{first.reason}{way} after {first.seconds:.1f} s in {len(failed)} of {len(recorded)} trials"
         yield Finding(True, "poses", f"the joint impedance does not hold the pose for 10 s: {what}")
     left, right = facts.ankles
     if left is None or right is None:
@@ -145,6 +148,23 @@ def _of_the_stand(robot: Robot, facts: PoseFacts, outcomes: tuple[Outcome, ...])
             f"gains cannot hold the pose: {names} give {held:.0f} Nm/rad together, and the weight topples the robot "
             f"with m g z = {topples:.0f} Nm/rad",
         )
+    elif held < _LITTLE_STIFFNESS * topples:
+        yield Finding(
+            False,
+            "motors",
+            f"the ankles hold {held:.0f} Nm/rad, little more than m g z = {topples:.0f}: where the joints sag, the "
+            f"robot leans {held / (held - topples):.1f} times as far",
+        )
+
+
+def _leaning(trial: RecordedTrial) -> str:
+    """Which way the CoM is from the middle of the feet when a trial ends."""
+    last = trial.ticks.ticks(slice(-1, None))
+    feet = 0.5 * (last["left_sole_position"] + last["right_sole_position"])
+    x, y, _ = (last["com_position"] - feet)[0, 0]
+    if abs(x) > abs(y):
+        return "forward" if x > 0.0 else "backward"
+    return "to the left" if y > 0.0 else "to the right"
 
 
 def _of_the_pose(robot: Robot, pose: np.ndarray, facts: PoseFacts) -> Iterator[Finding]:

@@ -185,10 +185,10 @@ def _policy_of(e: Evaluation, policies: Sequence[str | Path]) -> Agent:
     check_setup(e.key.setup, e.name)
     for given in policies:
         try:
-            return find_policy(e.name, e.key[0], given)
+            return find_policy(e.name, e.key[0], given, e.contract.robot)
         except UserError:
             continue
-    return find_policy(e.name, e.key[0])
+    return find_policy(e.name, e.key[0], robot_name=e.contract.robot)
 
 
 def _markdown(table: Table, level: int) -> str:

@@ -16,7 +16,7 @@ _KEYS = {
     "model": str, "title": str, "root": str, "torso": dict, "feet": dict, "motors": dict, "held": dict, "poses": dict,
     "default_pose": str, "pushable": dict, "load_unit": float, "floor": dict, "own_floor": str, "own_actuators": bool,
     "symmetric": bool, "contacts": str,
-    "cone": str, "impratio": float, "package": str, "install": str,
+    "cone": str, "impratio": float, "package": str, "install": str, "ranges": dict, "collision_group": int,
 }  # fmt: skip
 _NEEDED = ("model", "root", "feet", "motors", "poses")
 CONTACTS = ("file", "legs")
@@ -25,7 +25,7 @@ CONES = ("pyramidal", "elliptic")
 _LARGE = 1e12
 """No number of a robot is as large."""
 _T = TypeVar("_T")
-_WORDS = {str: "a text", dict: "a table", float: "a number", bool: "true or false"}
+_WORDS = {str: "a text", dict: "a table", float: "a number", bool: "true or false", int: "a whole number"}
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,8 @@ class Description:
         own_actuators: motors take what they do not say from the MJCF's position actuators.
         symmetric: true if the robot must be its own mirror image, false if it need not; without it, one that is not
             is told of and goes without a mirror.
+        ranges: joint name or pattern -> smallest and largest angle [rad], in place of the MJCF's.
+        collision_group: shapes of this group can touch, even if the MJCF takes them out of all contacts.
         contacts: which shapes touch each other: one of `CONTACTS`.
         cone: shape of the friction cones, one of `CONES`; the MJCF's without it.
         impratio: stiffness of friction over that of the normal force, MuJoCo's option; the MJCF's without it.
@@ -108,6 +110,8 @@ class Description:
     contacts: str = CONTACTS[0]
     cone: str = ""
     impratio: float | None = None
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    collision_group: int | None = None
 
     def motor(self, joint: str) -> Motor | None:
         """The motor of a joint; None if it is not controlled."""
@@ -158,6 +162,8 @@ def read_description(file: Path) -> Description:
         contacts=_one_of(values, "contacts", CONTACTS, file) or CONTACTS[0],
         cone=_one_of(values, "cone", CONES, file),
         impratio=values.get("impratio"),
+        ranges={name: _range(pair, f"{file}: ranges: {name}") for name, pair in values.get("ranges", {}).items()},
+        collision_group=values.get("collision_group"),
     )
 
 
@@ -212,6 +218,12 @@ def _motor(values: Any, where: str) -> Motor:
     return Motor(**{key: float(value) for key, value in values.items()})
 
 
+def _range(value: Any, where: str) -> tuple[float, float]:
+    if not (isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)) and value[0] < value[1]):
+        raise UserError(f"{where} must be two numbers [rad], the smaller one first, not {value}")
+    return float(value[0]), float(value[1])
+
+
 def _floor(values: dict[str, Any], where: str) -> Floor:
     _check_keys(values, {"friction": float, "solref": list}, where)
     friction, solref = values.get("friction", Floor.friction), values.get("solref", list(Floor.solref))
@@ -251,7 +263,7 @@ def _check_keys(values: dict[str, Any], valid: Mapping[str, object], where: str,
 
 
 def _check_kind(value: Any, kind: type, where: str) -> None:
-    fits = _is_number(value) if kind is float else isinstance(value, kind)
+    fits = _is_number(value) if kind is float else isinstance(value, kind) and isinstance(value, bool) == (kind is bool)
     if not fits:
         raise UserError(f"{where} must be {_WORDS[kind]}, not {shortened(value)}")
 

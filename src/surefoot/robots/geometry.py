@@ -14,10 +14,14 @@ FLAT = 0.004
 """Points of a foot that are less than this above its lowest one belong to the sole [m]."""
 _DIGITS = 9
 """Lengths are rounded to so many digits, so that a sum of two typed numbers is the number that a person would type."""
+_EDGE = 0.005
+"""A foot whose lowest points are narrower than this stands on an edge while all joints are at zero [m]."""
+_COPLANAR, _DOWNWARD = 0.9998, 0.7
+"""Cosines: facets of a foot whose directions differ by less than the first are one, and face down by the second."""
 _NEAR = 0.002
 """Mirrored places may differ by this [m]."""
-_ALIKE = 0.02
-"""Mirrored masses may differ by this share."""
+_ALIKE = 0.005
+"""Mirrored bodies may differ in mass by this share of the robot's mass."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +61,9 @@ def reference_data(model: mujoco.MjModel) -> mujoco.MjData:
 def find_sole(model: mujoco.MjModel, foot: str, where: str) -> Sole:
     """The sole of a foot: the rectangle about the lowest points of all its shapes that can touch something.
 
+    The lowest points are those with all joints at zero. A foot that then stands on an edge is turned so that its
+    largest face lies flat.
+
     Raises:
         UserError: the foot has no such shape.
     """
@@ -66,14 +73,54 @@ def find_sole(model: mujoco.MjModel, foot: str, where: str) -> Sole:
     if not geoms:
         raise UserError(f"{where}: feet: the body '{foot}' has no geom that can touch the floor")
     points = np.concatenate([_lowest_points(model, data, geom) for geom in geoms])
-    points = points[points[:, 2] < points[:, 2].min() + FLAT]
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle = np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]])
+    turn = np.array([1.0, 0.0, 0.0, 0.0])
+    middle, half_size = _rectangle(points)
+    if half_size.min() < _EDGE:
+        turn = _turn_to_largest_face(points)
+        turned = _rotated(points, turn)
+        middle, half_size = _rectangle(turned)
+        middle = _rotated(middle[None], turn * [1, -1, -1, -1])[0]
     rotation = data.xmat[body].reshape(3, 3)
     center = np.round((middle - data.xpos[body]) @ rotation, _DIGITS)
-    quaternion = np.zeros(4)
-    mujoco.mju_negQuat(quaternion, np.round(data.xquat[body], _DIGITS))
-    return Sole(center + 0.0, quaternion + 0.0, np.round(0.5 * (high - low)[:2], _DIGITS))
+    quaternion, upright = np.zeros(4), np.zeros(4)
+    mujoco.mju_mulQuat(upright, turn, np.round(data.xquat[body], _DIGITS))
+    mujoco.mju_negQuat(quaternion, upright)
+    return Sole(center + 0.0, quaternion + 0.0, np.round(half_size, _DIGITS))
+
+
+def _rectangle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rectangle about the lowest of some points (n, 3): its middle (3,) and its half size (2,) [m]."""
+    points = points[points[:, 2] < points[:, 2].min() + FLAT]
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), 0.5 * (high - low)[:2]
+
+
+def _turn_to_largest_face(points: np.ndarray) -> np.ndarray:
+    """The smallest turn, a quaternion, after which the largest face below some points (n, 3) lies flat.
+
+    Points without such a face are not turned.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    turn = np.array([1.0, 0.0, 0.0, 0.0])
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # all of them lie in a plane
+        return turn
+    normals, corners = hull.equations[:, :3], points[hull.simplices]
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    faces = (normals @ normals.T > _COPLANAR) @ areas
+    faces[normals[:, 2] > -_DOWNWARD] = 0.0
+    if faces.max() > 0.0:
+        down = normals[np.argmax(faces)]
+        turn = np.array([1.0 - down[2], *np.cross(down, [0.0, 0.0, -1.0])])
+    return turn / np.linalg.norm(turn)
+
+
+def _rotated(points: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, quaternion)
+    return points @ rotation.reshape(3, 3).T
 
 
 def find_mirror(model: mujoco.MjModel, joints: Sequence[str], where: str) -> Mirror:
@@ -109,7 +156,7 @@ def _check_alike(model: mujoco.MjModel, one: int, other: int, sign: float, where
     if np.abs(model.jnt_range[one] - [low, high]).max() > 1e-3:
         raise UserError(f"{where}: the ranges of {names} are no mirror images; is the model symmetric?")
     masses = [model.body_mass[model.jnt_bodyid[joint]] for joint in (one, other)]
-    if abs(masses[0] - masses[1]) > _ALIKE * max(masses):
+    if abs(masses[0] - masses[1]) > _ALIKE * model.body_mass.sum():
         raise UserError(f"{where}: the bodies of {names} differ in mass; is the model symmetric?")
     motors = [model.actuator_gainprm[model.actuator_trnid[:, 0] == joint] for joint in (one, other)]
     if not np.allclose(motors[0], motors[1], rtol=1e-6):

@@ -53,7 +53,7 @@ def inspect_pose(robot: Robot, pose: np.ndarray) -> PoseFacts:
     mujoco.mj_kinematics(model, data)
     data.qpos[2] -= min(data.site(name).xpos[2] for name in SOLES)
     mujoco.mj_forward(model, data)
-    soles = np.array([data.site(name).xpos for name in SOLES])
+    soles = np.array([data.site(name).xpos.copy() for name in SOLES])
     upright = np.array([data.site(name).xmat[8] for name in SOLES])
     return PoseFacts(
         com=data.subtree_com[model.body(robot.root).id] - soles.mean(axis=0),
@@ -61,11 +61,19 @@ def inspect_pose(robot: Robot, pose: np.ndarray) -> PoseFacts:
         sole_step=float(soles[0, 2] - soles[1, 2]),
         support_half=robot.sole_half_size + 0.5 * np.abs(soles[0, :2] - soles[1, :2]),
         inertia=_inertia(model, data),
-        ankles=tuple(_ankle(model, foot) for foot in robot.feet),  # type: ignore[arg-type]
+        ankles=tuple(_ankle(model, data, foot) for foot in robot.feet),  # type: ignore[arg-type]
         touching=_touching(model, data, robot),
-        friction=float(min((contact.friction[0] for contact in data.contact), default=np.nan)),
         root_height=float(data.qpos[2]),
+        friction=_friction(model, data),
     )
+
+
+def _friction(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """The smallest sliding friction of all contacts with the floor, once the soles are 1 mm in it."""
+    data.qpos[2] -= 0.001
+    mujoco.mj_forward(model, data)
+    floor = model.geom(FLOOR).id
+    return float(min((contact.friction[0] for contact in data.contact if floor in contact.geom), default=np.nan))
 
 
 def _inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -75,12 +83,12 @@ def _inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return 1.0 / np.diag(inverse)[6:]
 
 
-def _ankle(model: mujoco.MjModel, foot: str) -> int | None:
+def _ankle(model: mujoco.MjModel, data: mujoco.MjData, foot: str) -> int | None:
     body = model.body(foot).id
     while body > 1:
         first, num = model.body_jntadr[body], model.body_jntnum[body]
         for joint in range(first + num - 1, first - 1, -1):
-            if abs(model.jnt_axis[joint, 1]) > _ALONG:
+            if abs(data.xaxis[joint, 1]) > _ALONG:
                 return int(joint) - 1  # the root's free joint comes first
         body = model.body_parentid[body]
     return None

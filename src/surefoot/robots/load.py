@@ -126,7 +126,10 @@ def _mirror(model: mujoco.MjModel, joints: Sequence[str], description: Descripti
 def _check_ranges(model: mujoco.MjModel, joint_ids: np.ndarray, file: Path) -> None:
     for joint in joint_ids:
         if not model.jnt_limited[joint]:
-            raise UserError(f"{file}: joint '{model.joint(joint).name}' has no range in the model")
+            name, (low, high) = model.joint(joint).name, model.jnt_range[joint]
+            if low > high:
+                raise UserError(f"{file}: ranges: the joint '{name}' goes from {low:g} down to {high:g} in the model")
+            raise UserError(f"{file}: ranges: the joint '{name}' has no range, neither here nor in the model")
 
 
 def _angles(joints: Sequence[str], table: Mapping[str, float]) -> np.ndarray:

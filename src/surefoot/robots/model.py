@@ -52,6 +52,7 @@ def read_spec(description: Description) -> tuple[mujoco.MjSpec, dict[str, float]
         spec.delete(element)
     _check_root(spec, description)
     held = _weld_held_joints(spec, description)
+    _set_ranges(spec, description)
     _set_floor(spec, description)
     _set_contacts(spec, description)
     _add_motors(spec, description, own_motors)
@@ -116,7 +117,7 @@ def _check_names(spec: mujoco.MjSpec, description: Description) -> None:
     joints = [joint.name for joint in _hinges(spec)]
     if not all(joint.name and joint.parent.name for joint in _hinges(spec)):
         raise UserError(f"{description.file}: a hinge of the model, or the body that it turns, has no name")
-    tables = {"motors": description.motors, "held": description.held}
+    tables = {"motors": description.motors, "held": description.held, "ranges": description.ranges}
     tables |= {f"pose {name}": pose for name, pose in description.poses.items()}
     for where, table in tables.items():
         for pattern in table:
@@ -176,6 +177,15 @@ def _drop_dangling(spec: mujoco.MjSpec, joints: list[str]) -> None:
             spec.delete(equality)
 
 
+def _set_ranges(spec: mujoco.MjSpec, description: Description) -> None:
+    """Give controlled joints the ranges of the description; the file's own are in its own unit."""
+    for joint in controlled_joints(spec, description):
+        found = lookup(description.ranges, joint.name)
+        if found:
+            joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+            joint.range = np.degrees(found) if spec.compiler.degree else found
+
+
 def _set_floor(spec: mujoco.MjSpec, description: Description) -> None:
     planes = [geom for geom in spec.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
     if description.own_floor:
@@ -211,6 +221,8 @@ def _set_contacts(spec: mujoco.MjSpec, description: Description) -> None:
         spec.option.cone = getattr(mujoco.mjtCone, f"mjCONE_{description.cone.upper()}")
     if description.impratio is not None:
         spec.option.impratio = description.impratio
+    if description.collision_group is not None:
+        _let_collide(spec, description, description.collision_group)
     if description.contacts != "legs":
         return
     left, right = (leg_bodies(spec, description, foot) for foot in description.feet)
@@ -220,6 +232,18 @@ def _set_contacts(spec: mujoco.MjSpec, description: Description) -> None:
                 continue
             geom.contype = 2 if body.name in left else 0
             geom.conaffinity = 3 if body.name in right else 1
+
+
+def _let_collide(spec: mujoco.MjSpec, description: Description, group: int) -> None:
+    """Let the shapes of a group touch, those that the file takes out of all contacts."""
+    geoms = [geom for geom in spec.geoms if geom.name != FLOOR]
+    chosen = [geom for geom in geoms if geom.group == group]
+    if not chosen:
+        valid = ", ".join(str(group) for group in sorted({geom.group for geom in geoms}))
+        raise UserError(f"{description.file}: collision_group: no shape is in the group {group}; valid: {valid}")
+    for geom in chosen:
+        if not (geom.contype or geom.conaffinity):
+            geom.contype = geom.conaffinity = 1
 
 
 def leg_bodies(spec: mujoco.MjSpec, description: Description, foot: str) -> set[str]:
