@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import socket
@@ -144,6 +145,9 @@ def test_play_says_where_it_is_and_ends_by_ctrl_c(tmp_path: Path):
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     command = [sys.executable, "-m", "surefoot", "play", "nominal", "--port", str(port)]
+    (tmp_path / "browser").write_text(f"#!/bin/sh\necho $1 > {tmp_path}/opened\n")
+    (tmp_path / "browser").chmod(0o755)
+    with_screen = os.environ | {"DISPLAY": ":0", "BROWSER": f"{tmp_path}/browser %s"}
     # A shell without job control has its background jobs ignore Ctrl-C, and their children inherit that.
     with subprocess.Popen(
         command,
@@ -151,12 +155,18 @@ def test_play_says_where_it_is_and_ends_by_ctrl_c(tmp_path: Path):
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
+        env=with_screen,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         try:
             assert process.stderr
             said = process.stderr.readline()
             assert re.fullmatch(rf"push it at http://127.0.0.1:{port}/\?token=[\w-]{{24}} \(Ctrl-C ends\)\n", said)
+            for _ in range(100):
+                if (tmp_path / "opened").exists():
+                    break
+                time.sleep(0.05)
+            assert (tmp_path / "opened").read_text().strip() in said, "the browser opens the address that was printed"
             second = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
             assert second.returncode == 2
             assert f"surefoot: cannot listen on 127.0.0.1:{port}: address already in use; valid:" in second.stderr

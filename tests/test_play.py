@@ -193,6 +193,18 @@ def test_pause_step_and_slow_motion(tab, page):
     assert until(lambda: page.player.session.num_steps > steps + 5)
 
 
+def test_a_key_is_a_shortcut_again_after_a_list_was_used(tab, page):
+    tab.get_by_label("Body").first.click(force=True)
+    tab.get_by_role("option", name="torso").click(force=True)
+    chosen = tab.get_by_label("Body").first
+    assert until(lambda: tab.evaluate("document.activeElement.tagName") == "BODY")
+    tab.keyboard.press("Space")
+    assert until(lambda: page.player.paused)
+    assert chosen.input_value() == "torso", "nothing was typed into the list"
+    tab.keyboard.press("Space")
+    assert until(lambda: not page.player.paused)
+
+
 def test_a_file_that_is_no_policy_is_named_and_the_page_stays_up(tab, page, tmp_path):
     bad = tmp_path / "bad.onnx"
     bad.write_bytes(b"this is no network")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 import webbrowser
 from dataclasses import dataclass
@@ -19,6 +21,13 @@ if TYPE_CHECKING:
 
 _PATIENCE_S = 8.0
 """For the page's threads to end after Ctrl-C."""
+
+
+def has_screen() -> bool:
+    """Can a browser's window be opened here? Not on a Linux machine without a display, nor over SSH to one."""
+    if sys.platform in ("darwin", "win32"):
+        return "SSH_CONNECTION" not in os.environ
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 @dataclass(frozen=True)
@@ -39,8 +48,8 @@ class Play:
     printed address). What follows are further names by which browsers reach this machine."""
     runs: tuple[Path, ...] = (Path("runs"),)
     """Folders whose runs and policy files are offered; the page plays no others."""
-    open: bool = False
-    """Open the page in this machine's browser."""
+    open: bool = True
+    """Open the page in this machine's browser, where there is one and a screen."""
 
     def main(self) -> None:
         """Serve the page until Ctrl-C."""
@@ -48,7 +57,7 @@ class Play:
             page = self._page()
         try:
             say(f"push it at {page.address} (Ctrl-C ends)")
-            if self.open:
+            if self.open and has_screen():
                 webbrowser.open(page.address)
             while True:
                 time.sleep(1.0)
