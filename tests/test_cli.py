@@ -83,7 +83,8 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
         ),
         (
             ["evaluate", "nominal", "--suite", "papr"],
-            "surefoot: unknown suite 'papr'; valid: push, paper, robustness, ring, or a scenario file (.toml)",
+            "surefoot: unknown suite 'papr'; valid: push, paper, robustness, ring, or a scenario file (.toml); "
+            "did you mean 'paper'?",
         ),
         (
             ["evaluate", "nominal", "--suite", "knee.toml"],

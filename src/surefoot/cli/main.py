@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 import sys
 from typing import NoReturn
 
@@ -31,10 +33,20 @@ def main() -> None:
         sys.exit(interrupt.EXIT_CODE)
 
 
+def with_guess(message: str) -> str:
+    """A message on an unknown word that lists the valid ones, with the one that may have been meant."""
+    told = re.search(r"unknown [\w ]+ '([^']+)'.*?; valid: (.+)$", message)
+    told = told or re.search(r"cannot read policy (\S+): .*; shipped policies: (.+)$", message)
+    if told is None:
+        return message
+    close = difflib.get_close_matches(told[1], re.split(r", (?:or )?", told[2]), n=1)
+    return f"{message}; did you mean '{close[0]}'?" if close else message
+
+
 def _fail(message: str) -> NoReturn:
     """Print an error in one line and exit with code 2."""
     from surefoot.cli.terminal import console
 
-    line = " ".join(message.splitlines())
+    line = with_guess(" ".join(message.splitlines()))
     console.print(f"surefoot: {line}", style="red", markup=False, highlight=False, soft_wrap=True)
     sys.exit(2)

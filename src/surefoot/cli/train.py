@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from surefoot.cli.settings import print_settings, with_settings
 from surefoot.cli.terminal import console, needs_torch, say, training_bar, working
 from surefoot.errors import UserError
 
@@ -51,12 +52,20 @@ class Train:
     warm_start: Path | None = None
     """Begin with the networks that the run in this folder ended with, or fine-tune a policy (a shipped one's name or a
     file): its critic is learned first."""
+    list_settings: bool = False
+    """List every setting of the preset (task, pushes, reward, networks, algorithm) with its value instead of learning.
+    Each may be set behind the other options, such as --env.disturbance.impulse 40 200 --hyper.gamma 0.98."""
+    settings: Annotated[tuple[str, ...], tyro.conf.Suppress] = ()
 
     def main(self) -> None:
         """Learn."""
         with needs_torch():
             from surefoot.learning.run_folder import RunFolder
             from surefoot.learning.stages import has_stages, read_stages
+        if self.list_settings:
+            names = self._stages()
+            print_settings(self._config(self.stage or names[-1] if names else ""))
+            return
         if self.resume and self.warm_start:
             raise UserError("--warm-start is for a new run; one that is resumed knows what it began with")
         if self.resume is None:
@@ -64,7 +73,7 @@ class Train:
         elif has_stages(self.resume):
             self._run_stages(self.resume, read_stages(self.resume))
         else:
-            self._run(RunFolder(self.resume).config(), self.resume, resume=True)
+            self._run(with_settings(RunFolder(self.resume).config(), self.settings), self.resume, resume=True)
 
     def _translated(self) -> Train:
         """The same command in today's words, with a line on standard error for an old preset."""
@@ -80,30 +89,37 @@ class Train:
 
     def _begin(self) -> None:
         """Start a run, or go on with the stages of one."""
-        from surefoot.learning.preset_file import preset, stage_files
         from surefoot.learning.stages import begin_stages
+
+        names = self._stages()
+        if not names or self.warm_start:
+            config = self._config(self.stage or names[-1] if names else "")
+            self._run(config, self.run or self._folder(config.preset), resume=False)
+            return
+        if self.settings and not self.stage:
+            raise UserError(f"{self.settings[0]} is for one stage; name it by --stage; valid: {', '.join(names)}")
+        folder = self.run or self._folder(self.preset)
+        stages = begin_stages(folder, {name: self._budgeted(self._config(name)) for name in names})
+        self._run_stages(folder, [stage for stage in stages if self.stage in (None, stage.name)])
+
+    def _stages(self) -> list[str]:
+        """The names of the preset's stages; none if it has none."""
+        from surefoot.learning.preset_file import stage_files
 
         names = list(stage_files(self.preset, self.algorithm))
         if self.stage and self.stage not in names:
             valid = ", ".join(names) or "none"
             raise UserError(f"unknown stage '{self.stage}' of {self.preset} for {self.algorithm}; valid: {valid}")
-        if not names or self.warm_start:
-            name = f"{self.preset}/{self.stage or names[-1]}" if names else self.preset
-            config = self._for_robot(preset(name, self.algorithm))
-            self._run(config, self.run or self._folder(config.preset), resume=False)
-            return
-        configs = {
-            name: self._budgeted(self._for_robot(preset(f"{self.preset}/{name}", self.algorithm))) for name in names
-        }
-        folder = self.run or self._folder(self.preset)
-        stages = begin_stages(folder, configs)
-        self._run_stages(folder, [stage for stage in stages if self.stage in (None, stage.name)])
+        return names
 
-    def _for_robot(self, config: TrainConfig) -> TrainConfig:
-        """The configuration for the robot that learns."""
+    def _config(self, stage: str) -> TrainConfig:
+        """The preset, or a stage of it, for the robot that learns and with what the command line sets."""
+        from surefoot.learning.preset_file import preset
         from surefoot.learning.robot_scale import for_robot
 
-        return for_robot(config, self.robot or config.env.robot)
+        config = preset(f"{self.preset}/{stage}" if stage else self.preset, self.algorithm)
+        config = for_robot(config, self.robot or config.env.robot)
+        return with_settings(config, self.settings) if self.stage in (None, stage) or not stage else config
 
     def _folder(self, preset: str) -> Path:
         from surefoot.learning.preset_file import MIXED
@@ -119,10 +135,13 @@ class Train:
 
     def _run(self, config: TrainConfig, folder: Path, resume: bool) -> None:
         """Learn one run."""
-        from surefoot.learning.train import train
+        from surefoot.learning.run_folder import RunFolder
+        from surefoot.learning.train import is_done, train
         from surefoot.learning.warm_start import warm_start
 
         config = self._budgeted(config)
+        if resume and is_done(RunFolder(folder), config):
+            say(f"{folder} has spent its budget of {_budget_words(config)}; --minutes or --steps with more goes on")
         if self.warm_start:
             warm_start(config, self.warm_start)
         self._tell(config, folder)
@@ -147,6 +166,11 @@ class Train:
     def _tell(self, config: TrainConfig, folder: Path) -> None:
         say(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
         say("the bar ends with the impulses about rejected now: forward/left/backward/right")
+
+
+def _budget_words(config: TrainConfig) -> str:
+    """A run's budget in words."""
+    return f"{config.steps:,} policy steps" if config.steps else f"{config.minutes:g} minutes"
 
 
 @contextlib.contextmanager
