@@ -11,6 +11,7 @@ import importlib
 import importlib.util
 from typing import TYPE_CHECKING, Any
 
+from surefoot.extras import advice
 from surefoot.version import __version__
 
 if TYPE_CHECKING:
@@ -93,7 +94,10 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module 'surefoot' has no attribute '{name}'; valid: {', '.join(__all__)}")
-    value = getattr(importlib.import_module(f"surefoot.{_MODULES[name]}"), name)
+    try:
+        value = getattr(importlib.import_module(f"surefoot.{_MODULES[name]}"), name)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(advice(error.name) or str(error), name=error.name) from error
     globals()[name] = value
     return value
 

@@ -9,6 +9,10 @@ from typing import NoReturn
 
 from surefoot.cli import interrupt
 from surefoot.errors import UserError
+from surefoot.extras import advice
+
+_EXTRAS = {"play": "viewer", "report": "report", "table": "report", "pictures": "report", "demo": "report"}
+"""Command -> the extra that brings all that it needs; the others need one part each."""
 
 
 def main() -> None:
@@ -27,6 +31,11 @@ def main() -> None:
         command.main()
     except UserError as error:
         _fail(str(error))
+    except ModuleNotFoundError as error:
+        line = advice(error.name, _EXTRAS.get(sys.argv[1], ""))
+        if line is None:
+            raise
+        _fail(line)
     except OSError as error:  # of a file that no command looked after: a full disk, a folder in the place of a file
         _fail(f"cannot use {error.filename}: {error.strerror}" if error.filename else str(error))
     except KeyboardInterrupt:

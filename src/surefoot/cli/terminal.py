@@ -16,6 +16,7 @@ from rich.status import Status
 from rich.text import Text
 
 from surefoot.errors import UserError
+from surefoot.extras import advice
 
 if TYPE_CHECKING:
     from surefoot.evaluation.evaluate import OnProgress
@@ -54,7 +55,7 @@ def needs_torch() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise UserError(f"this needs {error.name}: pip install 'surefoot[learn]'") from error
+        raise UserError(advice(error.name, "learn") or str(error)) from error
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ from typing import Any
 from surefoot.agents.controllers.controller import Command, Controller, ControllerAgent, State
 from surefoot.checks import read_text
 from surefoot.errors import UserError
+from surefoot.extras import advice
 from surefoot.robots import Robot
 from surefoot.task.guard import in_words
 
@@ -37,6 +38,8 @@ _CLASSES = {
     "urata2011": "FootPlacement",
 }
 """Module -> its controller."""
+_NEED_SOLVER, _SOLVER = ("wieber2006a", "stephens2010"), "daqp"
+"""Some solve quadratic programs, the second one only once it steps: what is missing is named before."""
 
 
 def shipped_controllers() -> tuple[str, ...]:
@@ -58,6 +61,8 @@ def load_controller(name: str, robot: Robot) -> ControllerAgent:
         row = name.removeprefix(PREFIX)
         if row not in _CLASSES:
             raise UserError(f"unknown controller '{name}'; valid: {', '.join(shipped_controllers())}, or FILE.py:CLASS")
+        if row in _NEED_SOLVER and importlib.util.find_spec(_SOLVER) is None:
+            raise UserError(advice(_SOLVER) or _SOLVER)
         made = getattr(importlib.import_module(f"surefoot.agents.controllers.{row}"), _CLASSES[row])
         return ControllerAgent(name, made, controller_digest(made), robot)
     file, _, class_name = name.rpartition(":")
