@@ -13,7 +13,7 @@ from surefoot.agents.controllers.step_times import StepTimes, Timing
 from surefoot.agents.load import load_agent
 from surefoot.errors import UserError
 from surefoot.evaluation.replay import differences, find_policy, replay
-from surefoot.evaluation.results import Results, key_of
+from surefoot.evaluation.results import Results
 from surefoot.evaluation.trials import Trial, run_list
 from surefoot.physics.pushes import Drop
 from surefoot.report.timing_table import timing_metrics, timing_table
@@ -113,9 +113,9 @@ def test_times_per_control_step_are_kept_shown_and_given_to_machines(tmp_path: P
     timing = Timing(250, 1000, 3, 8.4e-05, 0.0021, 2760, 12, 0.0009, 0.0044, "2 x not finite")
     entrant = load_agent("controllers/stand")
     with Results(tmp_path / "r.sqlite") as results:
-        assert results.timing(key_of(entrant)) is None
+        assert results.timing(results.key_of(entrant)) is None
         results.add_timing(entrant, timing)
-        assert results.timing(key_of(entrant)) == timing
+        assert results.timing(results.key_of(entrant)) == timing
     (row,) = timing_table({"mine": timing}).rows
     assert list(row) == ["mine", "250", "84", "2100", "3 of 1000", "900", "4400", "12 of 2760", "2 x not finite"]
     documented = (ROOT / "docs" / "figures.md").read_text()

@@ -13,7 +13,7 @@ from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.replay import check_setup, differences
-from surefoot.evaluation.results import Results, key_of, open_results
+from surefoot.evaluation.results import Results, open_results
 from surefoot.evaluation.results_export import read_threshold_rows, read_thresholds
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.setup import UNKNOWN_PROTOCOL, Setup
@@ -67,7 +67,7 @@ def test_trials_of_protocol_1_are_shown_but_not_gone_on_with(tmp_path: Path) -> 
         rows = [results.row(row_id) for row_id in range(1, 8)]
         assert results.finished_scenarios(agent) == set()
     (key,) = {row.key for row in rows}
-    now = key_of(agent)
+    now = results.key_of(agent)
     assert key == now._replace(setup=replace(now.setup, protocol=1))
     with pytest.raises(UserError, match="its protocol was 1 and is now 2"):
         check_setup(key.setup, "row 1")

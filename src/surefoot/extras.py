@@ -21,6 +21,7 @@ MODULES = {
     "imageio_ffmpeg": "video",
     "daqp": "controllers",
     "yaml": "foreign",
+    "pybullet": "pybullet",
     "playwright": "dev",
 }
 """Module -> the extra that brings it."""

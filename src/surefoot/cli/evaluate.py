@@ -40,6 +40,8 @@ class Evaluate:
     robot: str = ""
     """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, docs/robot.md); the
     shipped policies' robot without it."""
+    engine: str = "mujoco"
+    """The physics engine: mujoco, or pybullet (the extra of that name), which no policy has learned in."""
     results: Path = Path("results.sqlite")
     """Results table (SQLite); trials that are in it already are not run again."""
     json: str | None = None
@@ -54,16 +56,18 @@ class Evaluate:
         from surefoot.agents.load import load_agent
         from surefoot.evaluation.results import Results
         from surefoot.evaluation.results_export import check_export
+        from surefoot.physics.engines import engine_kind
 
         if self.directions is not None and (self.directions < 4 or self.directions % 4):
             raise UserError(f"directions must be a multiple of 4, not {self.directions}")
+        engine_kind(self.engine).title()  # is it there?
         for file in (self.export, self.export_thresholds):
             if file:
                 check_export(file)
         agent = load_agent(self.policy, chosen_robot(self.robot))
         scenarios = chosen_scenarios(self.suite, self.directions, agent.robot)
         output = results_console(self.json)
-        metrics = evaluate_agent(agent, scenarios, self.results, output, self.export_thresholds)
+        metrics = evaluate_agent(agent, scenarios, self.results, output, self.export_thresholds, engine=self.engine)
         if self.export:
             with Results(self.results) as results:
                 results.export("trials", self.export)
@@ -78,6 +82,7 @@ def evaluate_agent(
     output: Console,
     export: Path | None = None,
     learned_minutes: float | None = None,
+    engine: str = "mujoco",
 ) -> dict[str, float]:
     """Run, print and keep some scenarios of one agent.
 
@@ -89,25 +94,26 @@ def evaluate_agent(
         export: a file for all thresholds of the results table.
         learned_minutes: of a policy that has only begun to learn: it is set beside others of that age, and not beside
             the lines to beat.
+        engine: name of the physics engine.
 
     Returns:
         Its metrics.
     """
     from surefoot.agents.controllers.controller import ControllerAgent
     from surefoot.evaluation.evaluate import evaluate_and_store
-    from surefoot.evaluation.results import Results, key_of
+    from surefoot.evaluation.results import Results
     from surefoot.evaluation.step_timing import measure
     from surefoot.report.metrics import flat_metrics
     from surefoot.report.timing_table import timing_metrics
 
     robot, pose = agent.robot, np.array(agent.contract.nominal_pose)
-    with Results(path) as results:
+    with Results(path, engine) as results:
         with evaluation_bar(sum(len(scenario.lines()) for scenario in scenarios)) as show:
             done = evaluate_and_store(agent, scenarios, results, show)
         controller = ControllerAgent.among(agent)
         if controller and controller.times.num_steps:
             results.add_timing(agent, measure(controller))
-        timing = results.timing(key_of(agent))
+        timing = results.timing(results.key_of(agent))
         if export:
             results.export("thresholds", export)
         fixed = results.fixed_outcomes(agent.name)

@@ -20,6 +20,7 @@ from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario, with_limit
 from surefoot.evaluation.threshold_search import FixedTrials, Threshold, ThresholdSearch, TrialRequest
 from surefoot.evaluation.trial_store import TrialStore
 from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
+from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.robots import Robot
 from surefoot.task.agent import Agent
 
@@ -118,7 +119,7 @@ def evaluate_and_store(
 ) -> Evaluated:
     """Run what the results table does not hold yet of these scenarios, and keep it there."""
     began, store = time.monotonic(), results.trials_of(agent)
-    thresholds = run_scenarios(agent, scenarios, store, on_progress)
+    thresholds = run_scenarios(agent, scenarios, store, on_progress, engine=results.engine)
     wall_s = time.monotonic() - began
     results.add_thresholds(agent, thresholds)
     results.add_scenarios(agent, scenarios, wall_s)
@@ -131,6 +132,7 @@ def evaluate(
     directions: int | None = None,
     results: str | Path | None = None,
     on_progress: OnProgress | None = None,
+    engine: str = DEFAULT_ENGINE,
 ) -> list[Threshold]:
     """Find how hard a disturbance an agent survives, by the one definition of success (docs/method.md).
 
@@ -143,19 +145,20 @@ def evaluate(
         results: results table (SQLite) to be filled; trials that it holds already are not run again. Without it
             nothing is kept.
         on_progress: told after every trial.
+        engine: name of the physics engine: "mujoco" or "pybullet".
 
     Returns:
         The largest size that holds along each line that is searched, once with any joint speeds and once within the
         joints' limits: `line.scenario.name`, `line.name` (the direction), `size` [Ns, m or deg], `recovered`, `trials`.
 
     Raises:
-        UserError: there is no such agent or suite, or the results table cannot be used.
+        UserError: there is no such agent, suite or engine, or the results table cannot be used.
     """
     agent = load_agent(agent) if isinstance(agent, str) else agent
     scenarios = chosen_scenarios(suite, directions, agent.robot) if isinstance(suite, str) else with_limits(suite)
     if results is None:
-        return run_scenarios(agent, scenarios, None, on_progress)
-    with Results(results) as table:
+        return run_scenarios(agent, scenarios, None, on_progress, engine=engine)
+    with Results(results, engine) as table:
         return evaluate_and_store(agent, scenarios, table, on_progress).thresholds
 
 

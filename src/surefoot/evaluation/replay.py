@@ -92,7 +92,7 @@ def check_setup(setup: Setup, what: str) -> None:
     Raises:
         UserError: it was made in another one; the message says what differs.
     """
-    found = setup.differences(Setup.now(setup.robot))
+    found = setup.differences(Setup.now(setup.robot, setup.engine_word))
     if found:
         raise UserError(f"{what} cannot be run again as it was: {', '.join(found)}")
 
@@ -100,7 +100,8 @@ def check_setup(setup: Setup, what: str) -> None:
 def replay(row: Row, policy: Agent) -> Outcome:
     """Run the row's trial again, alone; it had up to 191 neighbours."""
     trial = row.trial
-    return run_list(policy, [trial], num_slots=1, num_threads=1, domain=trial.domain)[trial]
+    engine = row.key.setup.engine_word
+    return run_list(policy, [trial], num_slots=1, num_threads=1, domain=trial.domain, engine=engine)[trial]
 
 
 def differences(before: Outcome, after: Outcome) -> list[tuple[str, Any, Any]]:

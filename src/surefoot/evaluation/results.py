@@ -29,6 +29,7 @@ from surefoot.evaluation.results_schema import (
     TABLES,
     Key,
     as_dicts,
+    engine_word,
     insert,
     latest,
     outcome_of,
@@ -41,6 +42,7 @@ from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trial_json import scenario_to_json, trial_from_json
 from surefoot.evaluation.trial_store import Committer, TrialStore
 from surefoot.evaluation.trials import Trial
+from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.task.agent import Agent
 
 _AUDIT = f"""
@@ -73,13 +75,15 @@ class Results:
 
     Args:
         path: of the file, or ":memory:".
+        engine: name of the physics engine whose results are written, and read unless another one is named.
 
     Raises:
         UserError: the file is not a results table, is damaged, or is one of another version; it is left as it is.
     """
 
-    def __init__(self, path: str | Path):
+    def __init__(self, path: str | Path, engine: str = DEFAULT_ENGINE):
         self.path = Path(path)
+        self.engine = engine
         with using(path):
             self._db = connect(path)
             check_only_tables(self._db, path)
@@ -116,14 +120,18 @@ class Results:
         finally:
             self._db.close()
 
+    def key_of(self, policy: Agent) -> Key:
+        """By which the policy's results are found in today's setup."""
+        return Key(policy.digest, Setup.now(policy.contract.robot, self.engine))
+
     def trials_of(self, policy: Agent) -> TrialStore:
         """The policy's trials, as the evaluation's store."""
         insert(self._db, "policies", [(policy.digest, policy.name, policy.contract.to_json())])
-        return self.outcomes(key_of(policy))
+        return self.outcomes(self.key_of(policy))
 
     def add_thresholds(self, policy: Agent, thresholds: Iterable[Threshold]) -> None:
         """Keep what was found, in place of what was found before along the same lines."""
-        key = key_of(policy).values()
+        key = self.key_of(policy).values()
         rows = [
             (
                 *key, t.line.scenario.name, t.line.name, t.line.angle, t.size, t.line.scenario.unit, t.trials,
@@ -136,14 +144,14 @@ class Results:
 
     def add_scenarios(self, policy: Agent, scenarios: Iterable[Scenario], wall_s: float) -> None:
         """Note that these have been run to their end, in so many seconds altogether."""
-        key = key_of(policy).values()
+        key = self.key_of(policy).values()
         rows = [(*key, scenario.name, scenario_to_json(scenario), wall_s) for scenario in scenarios]
         insert(self._db, "scenarios", rows)
         self._committer.now()
 
     def add_timing(self, policy: Agent, timing: Timing) -> None:
         """Keep how long a controller's steps took, in place of what was kept before."""
-        insert(self._db, "controllers", [(*key_of(policy).values(), json.dumps(asdict(timing)))])
+        insert(self._db, "controllers", [(*self.key_of(policy).values(), json.dumps(asdict(timing)))])
         self._committer.now()
 
     def timing(self, key: Key) -> Timing | None:
@@ -160,23 +168,24 @@ class Results:
         """Name -> (digest, contract as JSON) of every policy in the table."""
         return {name: (digest, text) for digest, name, text in self._db.execute("SELECT * FROM policies")}
 
-    def thresholds_of(self, policy_name: str) -> list[Threshold]:
+    def thresholds_of(self, policy_name: str, engine: str = "") -> list[Threshold]:
         """The thresholds of the policy of this name, as they were found."""
         cursor = self._db.execute(
-            "SELECT thresholds.* FROM thresholds JOIN policies USING (policy)"
-            f" WHERE name = ? AND {latest('thresholds')} ORDER BY scenario, angle_rad",
-            (policy_name,),
+            f"SELECT thresholds.* FROM thresholds JOIN policies USING (policy) WHERE name = ?"
+            f" AND {engine_word('thresholds')} = ? AND {latest('thresholds')} ORDER BY scenario, angle_rad",
+            (policy_name, engine or self.engine),
         )
         with reading(self.path):
             return [threshold_of(row) for row in as_dicts(cursor)]
 
-    def fixed_outcomes(self, policy_name: str) -> dict[str, dict[Trial, Outcome]]:
+    def fixed_outcomes(self, policy_name: str, engine: str = "") -> dict[str, dict[Trial, Outcome]]:
         """Outcomes of the scenarios in which nothing is searched, by scenario."""
         found: dict[str, dict[Trial, Outcome]] = {}
         stores: dict[Key, TrialStore] = {}
         cursor = self._db.execute(
-            f"SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ? AND {latest('scenarios')}",
-            (policy_name,),
+            f"SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ?"
+            f" AND {engine_word('scenarios')} = ? AND {latest('scenarios')}",
+            (policy_name, engine or self.engine),
         )
         for row in list(as_dicts(cursor)):
             with reading(self.path):
@@ -188,7 +197,7 @@ class Results:
         return found
 
     def evaluated(self) -> list[tuple[Key, str, str]]:
-        """Key, name and contract as JSON of every policy with a finished evaluation, the last one of each name."""
+        """Key, name and contract as JSON of every finished evaluation, the last one of each name and engine."""
         cursor = self._db.execute(
             f"SELECT DISTINCT {KEY}, name, contract FROM scenarios JOIN policies USING (policy)"
             f" WHERE {latest('scenarios')} ORDER BY name"
@@ -198,7 +207,7 @@ class Results:
     def finished_scenarios(self, policy: Agent) -> set[str]:
         """Names of the scenarios that the policy has been through, in today's setup."""
         sql = f"SELECT scenario FROM scenarios WHERE {IS_KEY}"
-        return {name for (name,) in self._db.execute(sql, key_of(policy).values())}
+        return {name for (name,) in self._db.execute(sql, self.key_of(policy).values())}
 
     def outcomes(self, key: Key) -> TrialStore:
         """All outcomes of one policy under one setup."""
@@ -211,7 +220,7 @@ class Results:
     def audit(self, policy: Agent) -> tuple[float, float]:
         """Largest share of a torque and of a speed limit that any of the policy's trials used."""
         sql = f"SELECT max(torque_ratio), max(speed_ratio) FROM trials WHERE {IS_KEY}"
-        torque, speed = self._db.execute(sql, key_of(policy).values()).fetchone()
+        torque, speed = self._db.execute(sql, self.key_of(policy).values()).fetchone()
         return torque, speed
 
     def versions(self, key: Key) -> list[str]:
@@ -243,11 +252,6 @@ class Results:
     def export(self, table: str, path: str | Path) -> None:
         """Write one table to a .csv or .parquet file; see `results_export.export`."""
         results_export.export(self._db, table, path)
-
-
-def key_of(policy: Agent) -> Key:
-    """By which the policy's results are found in today's setup."""
-    return Key(policy.digest, Setup.now(policy.contract.robot))
 
 
 def open_results(path: str | Path) -> Results:

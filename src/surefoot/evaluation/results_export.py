@@ -24,9 +24,9 @@ _EXPORTS = {
     "policies": "SELECT * FROM policies",
     "trials": "SELECT name, trials.* FROM trials JOIN policies USING (policy) ORDER BY name, id",
     "thresholds": "SELECT name, thresholds.* FROM thresholds JOIN policies USING (policy) "
-    f"WHERE {latest('thresholds')} ORDER BY name, scenario, angle_rad",
+    f"WHERE {latest('thresholds')} ORDER BY name, engine, scenario, angle_rad",
     "scenarios": "SELECT name, scenarios.* FROM scenarios JOIN policies USING (policy) "
-    f"WHERE {latest('scenarios')} ORDER BY name, scenario",
+    f"WHERE {latest('scenarios')} ORDER BY name, engine, scenario",
 }
 
 
@@ -94,14 +94,14 @@ def read_threshold_rows(path: str | Path) -> list[ThresholdRow]:
 
 
 def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
-    """The exported thresholds of every policy in a .csv file, by the policy's name.
+    """The exported thresholds of every policy in a .csv file, by the policy's name and, behind it, another engine's.
 
     Raises:
         UserError: the file is missing or is not such a table.
     """
     found: dict[str, list[Threshold]] = {}
     for row in read_threshold_rows(path):
-        found.setdefault(row.name, []).append(row.threshold)
+        found.setdefault(row.key.setup.shown(row.name), []).append(row.threshold)
     return found
 
 

@@ -16,6 +16,7 @@ from surefoot.evaluation.scenario_file import stored_scenario
 from surefoot.evaluation.scenarios import Line
 from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
+from surefoot.physics.engines import DEFAULT_ENGINE, ENGINES
 from surefoot.robots import load_robot
 
 SCHEMA = 4
@@ -95,12 +96,20 @@ class Key(NamedTuple):
         )
 
 
+def engine_word(table: str) -> str:
+    """SQL for `Setup.engine_word` of a row."""
+    others = ", ".join(f"'{name}'" for name in ENGINES)
+    word = f"substr({table}.engine, 1, instr({table}.engine || ' ', ' ') - 1)"
+    return f"CASE WHEN {word} IN ({others}) THEN {word} ELSE '{DEFAULT_ENGINE}' END"
+
+
 def latest(table: str) -> str:
-    """Condition on rows joined with `policies`: of each name the policy and setup that wrote last.
+    """Condition on rows joined with `policies`: of each name and engine the policy and setup that wrote last.
 
     A policy that was learned anew bears the name of the old one, whose rows are still there.
     """
-    last = f"SELECT max({table}.rowid) FROM {table} JOIN policies USING (policy) GROUP BY name"
+    groups = f"name, {engine_word(table)}"
+    last = f"SELECT max({table}.rowid) FROM {table} JOIN policies USING (policy) GROUP BY {groups}"
     return f"({KEY}) IN (SELECT {KEY} FROM {table} WHERE rowid IN ({last}))"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from surefoot.evaluation.protocol import PROTOCOL
-from surefoot.physics.mujoco_engine import ENGINE_NAME
+from surefoot.physics.engines import DEFAULT_ENGINE, ENGINES, engine_kind
 from surefoot.robots import Robot, load_robot
 
 UNKNOWN_PROTOCOL = 0
@@ -29,14 +29,28 @@ class Setup:
     engine: str
 
     @classmethod
-    def of(cls, robot: Robot) -> Setup:
-        """The setup in which this version of surefoot runs a robot's trials."""
-        return cls(PROTOCOL.version, robot.name, robot.fingerprint, ENGINE_NAME)
+    def of(cls, robot: Robot, engine: str = DEFAULT_ENGINE) -> Setup:
+        """The setup in which this version of surefoot runs a robot's trials in the engine of this name.
+
+        Raises:
+            UserError: there is no such engine, or it is not installed.
+        """
+        return cls(PROTOCOL.version, robot.name, robot.fingerprint, engine_kind(engine).title())
 
     @classmethod
-    def now(cls, robot_name: str) -> Setup:
+    def now(cls, robot_name: str, engine: str = DEFAULT_ENGINE) -> Setup:
         """The setup in which this version of surefoot runs the trials of the robot of this name."""
-        return cls.of(load_robot(robot_name))
+        return cls.of(load_robot(robot_name), engine)
+
+    @property
+    def engine_word(self) -> str:
+        """Name of the engine without its version; the default engine's for results of before there were others."""
+        word = self.engine.split(" ")[0]
+        return word if word in ENGINES else DEFAULT_ENGINE
+
+    def shown(self, name: str) -> str:
+        """The name of a policy or controller in tables, with the engine that is not the default one."""
+        return name if self.engine_word == DEFAULT_ENGINE else f"{name} in {self.engine_word}"
 
     @property
     def is_known(self) -> bool:

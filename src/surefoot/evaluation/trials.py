@@ -16,6 +16,7 @@ from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.trial_monitor import TrialMonitor
+from surefoot.physics.engines import DEFAULT_ENGINE, engine_kind
 from surefoot.physics.pushes import Drop, Push
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, TICKS_PER_STEP
@@ -123,25 +124,27 @@ def run_list(policy: Agent, trials: Iterable[Trial], **options: Any) -> dict[Tri
 def run_trials(
     policy: Agent,
     source: TrialSource,
-    num_slots: int = NUM_SLOTS,
+    num_slots: int = 0,
     num_threads: int = 0,
     on_step: Callable[[np.ndarray, StepRecord], None] | None = None,
     domain: DomainParameters = NOMINAL_DOMAIN,
+    engine: str = DEFAULT_ENGINE,
 ) -> None:
     """Run trials until the source has no more.
 
     Args:
         policy: the agent that moves the robots.
         source: hands out the trials and is told their outcomes.
-        num_slots: robots in the batch.
+        num_slots: robots in the batch; 0 for as many as suit the engine.
         num_threads: of the physics; 0 for all cores.
         on_step: called with the running slots (n,) and their ticks after every policy step.
         domain: of all the trials.
+        engine: name of the physics engine.
 
     Raises:
         UserError: a trial is with other domain parameters.
     """
-    arena = _Arena(policy, num_slots, num_threads, domain)
+    arena = _Arena(policy, num_slots or engine_kind(engine).num_slots or NUM_SLOTS, num_threads, domain, engine)
     while True:
         arena.fill(source)
         running = arena.running
@@ -159,11 +162,11 @@ def run_trials(
 class _Arena:
     """The slots: which trial each robot is in."""
 
-    def __init__(self, policy: Agent, num_slots: int, num_threads: int, domain: DomainParameters):
+    def __init__(self, policy: Agent, num_slots: int, num_threads: int, domain: DomainParameters, engine: str):
         self.domain = domain
         self.robot = policy.robot
         nominal = np.array(policy.contract.nominal_pose)
-        self.loop = ControlLoop(self.robot, num_slots, nominal, num_threads=num_threads, domain=domain)
+        self.loop = ControlLoop(self.robot, num_slots, nominal, num_threads=num_threads, domain=domain, engine=engine)
         self.loop.prepare(policy)
         self.monitor = TrialMonitor(self.robot, num_slots, domain.motor_strength)
         self.trial: list[Trial | None] = [None] * num_slots

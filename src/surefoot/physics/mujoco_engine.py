@@ -12,13 +12,13 @@ import numpy as np
 from mujoco.batch import Batch
 
 from surefoot.physics.engine import WHOLE_STEP
-from surefoot.physics.mujoco_sensors import add_sensors
-from surefoot.physics.rotations import sole_corners
+from surefoot.physics.mujoco_sensors import model_with_sensors
+from surefoot.physics.rotations import sole_corners, stance_quaternion, z_axis
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import Robot
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
-from surefoot.robots.model import DAMPING_COLUMN, FLOOR, STIFFNESS_COLUMN, compile_model
+from surefoot.robots.model import DAMPING_COLUMN, FLOOR, STIFFNESS_COLUMN
 
 _CONTROL_SPEC = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 _UPRIGHT = (1.0, 0.0, 0.0, 0.0)
@@ -58,9 +58,9 @@ class MujocoEngine:
         _keep_mujoco_quiet()
         self.robot = robot
         self.num_robots = num_robots
-        self.model = _model_with_sensors(robot, domain)
+        self.model = model_with_sensors(robot, domain)
         self._num_substeps = round(domain.physics_hz / CONTROL_HZ)
-        self._floor_normal = _z_axis(self.model.geom(FLOOR).quat)
+        self._floor_normal = z_axis(self.model.geom(FLOOR).quat)
         self.batch = Batch(self.model, num_robots, nthread=num_threads)
         self._qpos = self.batch.bind("qpos")
         self._qvel = self.batch.bind("qvel")
@@ -99,7 +99,7 @@ class MujocoEngine:
         self._qpos[ids, 2] = self.model.qpos0[2]
         self._qpos[ids, 7:] = joint_position
         upright = not (np.any(roll) or np.any(pitch) or np.any(yaw))
-        self._qpos[ids, 3:7] = _UPRIGHT if upright else _quaternion(roll, pitch, yaw)
+        self._qpos[ids, 3:7] = _UPRIGHT if upright else stance_quaternion(roll, pitch, yaw)
         self.batch.forward(ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
         soles = self.read(ids)
         corners = sole_corners(soles.sole_position, soles.foot_orientation, self.robot.sole_half_size)
@@ -226,29 +226,3 @@ def _keep_mujoco_quiet() -> None:
     log = mujoco.MjLogConfig.get()
     log.logto_console = log.logto_file = False
     log.set()
-
-
-def _model_with_sensors(robot: Robot, domain: DomainParameters) -> mujoco.MjModel:
-    spec = robot.build()
-    add_sensors(spec, robot)
-    return compile_model(spec, domain)
-
-
-def _quaternion(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
-    """Unit quaternions (..., 4) of Z-Y-X Euler angles [rad]."""
-    roll, pitch, yaw = np.broadcast_arrays(roll, pitch, yaw)
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(0.5 * angle), np.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
-    return np.stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
-        axis=-1,
-    )
-
-
-def _z_axis(quaternion: np.ndarray) -> np.ndarray:
-    w, x, y, z = quaternion
-    return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])

@@ -5,13 +5,21 @@ from __future__ import annotations
 import mujoco
 
 from surefoot.robots import Robot
-from surefoot.robots.model import FLOOR, SOLES, TORSO
+from surefoot.robots.domain import DomainParameters
+from surefoot.robots.model import FLOOR, SOLES, TORSO, compile_model
 
 _SENSOR = mujoco.mjtSensor
 _OBJECT = mujoco.mjtObj
 _CONTACT_DATA = {"found": 0, "force": 1, "torque": 2, "dist": 3, "pos": 4, "normal": 5, "tangent": 6}
 _NET_FORCE = 3
 """How a contact sensor reduces several contacts to one: their net wrench at the pressure centre."""
+
+
+def model_with_sensors(robot: Robot, domain: DomainParameters) -> mujoco.MjModel:
+    """Compile a robot's model in a world, with a sensor for every quantity of the record."""
+    spec = robot.build()
+    add_sensors(spec, robot)
+    return compile_model(spec, domain)
 
 
 def add_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:

@@ -58,3 +58,24 @@ def sole_corners(center: np.ndarray, quaternion: np.ndarray, half_size: np.ndarr
     signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     offsets = [i * half_size[0] * along + j * half_size[1] * across for i, j in signs]
     return center[..., None, :] + np.stack(offsets, axis=-2)
+
+
+def stance_quaternion(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
+    """Unit quaternions (..., 4) of Z-Y-X Euler angles [rad]."""
+    roll, pitch, yaw = np.broadcast_arrays(roll, pitch, yaw)
+    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(0.5 * angle), np.sin(0.5 * angle)) for angle in (roll, pitch, yaw))
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def z_axis(quaternion: np.ndarray) -> np.ndarray:
+    """A body's z axis (3,) from its unit quaternion (4,)."""
+    w, x, y, z = quaternion
+    return np.array([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])

@@ -23,6 +23,7 @@ from surefoot.evaluation.suites import PAPER, ROBUSTNESS, SINGLE
 from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold
 from surefoot.evaluation.trial_store import TrialStore
 from surefoot.evaluation.trials import Trial
+from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.report.thresholds import Fixed, by_scenario, has_main_directions, median_steps, root_pushes
 from surefoot.robots import Robot, load_robot
 from surefoot.task.contract import Contract
@@ -59,11 +60,12 @@ class Evaluation:
     """What results hold of one policy under one setup.
 
     Attributes:
-        name: of the policy, with the beginning of its digest if another one on the page is named alike.
+        name: of the policy, with the engine that is not the default one, and with the beginning of its digest if
+            another one on the page is named alike.
         key: digests of policy and setup.
         steps: median number of steps at the worst direction's threshold, by scenario.
         cells: of pushes at the root, by direction.
-        cases: trials to draw, by what they show.
+        cases: trials to draw, by what they show; the default engine's only.
         audit: per scenario, how its trials ended and what share of the limits they used.
         versions: of surefoot and the engine, with which the trials were run.
         wall_s: time of the evaluation [s].
@@ -140,18 +142,19 @@ def of_first_robot(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Evaluation:
-    thresholds = sorted(results.thresholds_of(name), key=lambda t: _place(t.line.scenario.name))
-    fixed = dict(sorted(results.fixed_outcomes(name).items(), key=lambda item: _place(item[0])))
+    engine = key.setup.engine_word
+    thresholds = sorted(results.thresholds_of(name, engine), key=lambda t: _place(t.line.scenario.name))
+    fixed = dict(sorted(results.fixed_outcomes(name, engine).items(), key=lambda item: _place(item[0])))
     store = results.outcomes(key)
     return Evaluation(
-        name=name,
+        name=key.setup.shown(name),
         key=key,
         contract=contract,
         thresholds=thresholds,
         fixed=fixed,
         steps=median_steps(thresholds, store),
         cells={t.line: _cells(t.line, store) for t in root_pushes(thresholds).values()},
-        cases=_cases(thresholds, fixed, store),
+        cases=_cases(thresholds, fixed, store) if engine == DEFAULT_ENGINE else {},
         audit=sorted(results.audit_rows(key), key=lambda row: _place(row["scenario"])),
         versions=", ".join(f"surefoot {version}, {key.setup.engine}" for version in results.versions(key)),
         wall_s=results.wall_s(key),

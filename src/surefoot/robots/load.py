@@ -13,15 +13,20 @@ import numpy as np
 from surefoot.errors import UserError, notice
 from surefoot.robots.description import Description, lookup, read_description
 from surefoot.robots.geometry import Mirror, find_mirror, joint_groups, leg_length
-from surefoot.robots.model import DAMPING_COLUMN, STIFFNESS_COLUMN, add_sites, compile_model, read_spec
+from surefoot.robots.model import (
+    CONSTANT_COLUMN,
+    DAMPING_COLUMN,
+    MAX_VOLTAGE_COLUMN,
+    STIFFNESS_COLUMN,
+    add_sites,
+    compile_model,
+    read_spec,
+)
 from surefoot.robots.robot import Robot
 
 SUFFIX = ".toml"
 _LOAD_SHARE = 0.6
 """Share of the weight that is the unit of foot forces where the description gives none."""
-
-# Where the compiler puts the other parameters of a `dcmotor` in `actuator_gainprm`.
-_MOTOR_CONSTANT, _MAX_VOLTAGE = 1, 7
 
 
 def shipped_robots() -> tuple[str, ...]:
@@ -88,7 +93,7 @@ def _load(file: Path, name: str) -> Robot:
         stiffness=motor[:, STIFFNESS_COLUMN].copy(),
         damping=motor[:, DAMPING_COLUMN].copy(),
         torque_limit=model.actuator_forcerange[:, 1].copy(),
-        velocity_limit=motor[:, _MAX_VOLTAGE] / motor[:, _MOTOR_CONSTANT],
+        velocity_limit=motor[:, MAX_VOLTAGE_COLUMN] / motor[:, CONSTANT_COLUMN],
         poses={pose: _angles(joints, angles) for pose, angles in description.poses.items()},
         default_pose=description.default_pose,
         root=description.root,

@@ -18,13 +18,14 @@ SOLES = ("left_sole", "right_sole")
 TORSO = "torso_point"
 """Name of the site that stands for the torso's position."""
 STIFFNESS_COLUMN, DAMPING_COLUMN = 4, 6
-"""Where the compiler puts the gains of a motor in `actuator_gainprm`."""
+CONSTANT_COLUMN, MAX_VOLTAGE_COLUMN = 1, 7
+"""Where the compiler puts a motor's gains, and its constant and largest voltage, in `actuator_gainprm`."""
 _PLACES = ("body_pos", "body_quat", "body_mass", "body_inertia", "jnt_pos", "jnt_axis", "jnt_range", "geom_pos",
            "geom_quat", "geom_size")  # fmt: skip
 """Arrays of a model that must be finite, in MuJoCo's words."""
 _VOLTAGE = 48.0
 """MuJoCo's motor model wants one; only ratios of it count."""
-_STALL = 10.0
+STALL = 10.0
 """Stall torque over the torque limit: the full torque lasts up to 90 % of the speed limit and is gone at the limit."""
 
 
@@ -290,7 +291,7 @@ def _add_motor(spec: mujoco.MjSpec, joint: str, stiffness: float, damping: float
     actuator.set_to_dcmotor(
         motorconst=[0.0, 0.0],
         resistance=0.0,
-        nominal=[_VOLTAGE, _STALL * torque, speed],
+        nominal=[_VOLTAGE, STALL * torque, speed],
         saturation=[torque, 0.0, 0.0],
         controller=[stiffness, 0.0, damping, 0.0, 0.0, _VOLTAGE],
         ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_POS),

@@ -12,7 +12,7 @@ import numpy as np
 
 from surefoot.errors import UserError
 from surefoot.physics.engine import WHOLE_STEP, Engine
-from surefoot.physics.mujoco_engine import MujocoEngine
+from surefoot.physics.engines import DEFAULT_ENGINE, make_engine
 from surefoot.physics.pushes import Pushes
 from surefoot.physics.signals import Delay, LowPass, Noise, cubic_path
 from surefoot.physics.step_record import StepRecord
@@ -38,6 +38,7 @@ class ControlLoop:
         action_scale: joint angle [rad] per unit of action.
         num_threads: of the engine; 0 for all cores.
         domain: what the robots stand on and are made of.
+        engine: name of the physics engine.
 
     Attributes:
         engine: the physics of the robots.
@@ -55,11 +56,12 @@ class ControlLoop:
         action_scale: float = 1.0,
         num_threads: int = 0,
         domain: DomainParameters = NOMINAL_DOMAIN,
+        engine: str = DEFAULT_ENGINE,
     ):
         self.robot = robot
         self.nominal = nominal
         self.action_scale = action_scale
-        self.engine: Engine = MujocoEngine(robot, num_robots, num_threads, domain)
+        self.engine: Engine = make_engine(engine, robot, num_robots, num_threads, domain)
         self.pushes = Pushes(robot, num_robots, NUM_PUSHES)
         self.tick = np.zeros(num_robots, np.int64)
         self.imperfect = np.zeros(num_robots, bool)

@@ -1,0 +1,114 @@
+"""Results of two engines in one table: neither hides the other, and each goes on where it was."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from surefoot.agents.load import usual_robot
+from surefoot.agents.nominal import NominalAgent
+from surefoot.errors import UserError
+from surefoot.evaluation.evaluate import evaluate_and_store
+from surefoot.evaluation.replay import replay
+from surefoot.evaluation.results import Results
+from surefoot.evaluation.results_export import read_thresholds
+from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.setup import Setup
+from surefoot.evaluation.threshold_search import Threshold
+from surefoot.physics.engines import ENGINES
+from surefoot.report.evaluations import read_evaluations
+
+POLICY = NominalAgent(usual_robot())
+DROP = Scenario("low_drop", search="", drop=0.02, directions=("forward",), trials=2, horizon=2.0, quiet_from=1.0)
+
+
+def threshold(size: float) -> Threshold:
+    (line,) = Scenario("root_push", directions=("forward",)).lines()
+    return Threshold(line, size, 40, 40, 0.91, 1.0, "search")
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One scenario in both engines, MuJoCo first, and a threshold of each."""
+    path = tmp_path_factory.mktemp("engines") / "results.sqlite"
+    for engine, size in (("mujoco", 60.0), ("pybullet", 54.0)):
+        with Results(path, engine) as results:
+            evaluate_and_store(POLICY, [DROP], results)
+            results.add_thresholds(POLICY, [threshold(size)])
+    return path
+
+
+def test_each_engine_has_rows_of_its_own(table: Path) -> None:
+    for engine, size in (("mujoco", 60.0), ("pybullet", 54.0)):
+        with Results(table, engine) as results:
+            assert [t.size for t in results.thresholds_of(POLICY.name)] == [size]
+            outcomes = results.fixed_outcomes(POLICY.name)["low_drop"]
+            assert [o.reason for o in outcomes.values()] == ["recovered"] * 2
+            assert results.key_of(POLICY).setup.engine == ENGINES[engine].title()
+            assert {t.size for t in results.thresholds_of(POLICY.name, "mujoco")} == {60.0}
+
+
+def test_what_one_engine_knows_is_not_taken_for_the_others(table: Path) -> None:
+    peaks = []
+    for engine in ENGINES:
+        with Results(table, engine) as results:
+            peaks.append([o.speed_ratio for o in results.fixed_outcomes(POLICY.name)["low_drop"].values()])
+    assert set(peaks[0]).isdisjoint(peaks[1])
+    assert peaks[0] == pytest.approx(peaks[1], rel=0.5)
+
+
+def test_a_second_evaluation_runs_nothing_again(table: Path) -> None:
+    done: list[int] = []
+    with Results(table, "pybullet") as results:
+        evaluate_and_store(POLICY, [DROP], results, lambda trials, lines, reached: done.append(trials))
+    assert done == []
+
+
+def test_a_trial_in_the_other_engine_is_replayed_bit_for_bit(table: Path) -> None:
+    with Results(table) as results:
+        rows = [results.row(number) for number in range(1, 5)]
+    assert [row.key.setup.engine_word for row in rows] == ["mujoco"] * 2 + ["pybullet"] * 2
+    assert replay(rows[3], POLICY) == rows[3].outcome
+
+
+def test_a_report_and_an_export_name_the_engine_behind_the_policy(table: Path, tmp_path: Path) -> None:
+    sizes = {POLICY.name: 60.0, f"{POLICY.name} in pybullet": 54.0}
+    assert {e.name: e.thresholds[0].size for e in read_evaluations([table])} == sizes
+    with Results(table) as results:
+        results.export("thresholds", tmp_path / "thresholds.csv")
+    found = read_thresholds(tmp_path / "thresholds.csv")
+    assert {name: t.size for name, (t,) in found.items()} == sizes
+
+
+def test_rows_of_before_there_were_engines_count_as_mujocos() -> None:
+    assert Setup(0, "valkyrie", "setup abc", "unknown").engine_word == "mujoco"
+    assert Setup(2, "valkyrie", "abc", "pybullet 3.2.6").shown("ddpg") == "ddpg in pybullet"
+    assert Setup(2, "valkyrie", "abc", "mujoco 4.0.0").shown("ddpg") == "ddpg"
+
+
+def test_an_engine_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("surefoot.physics.pybullet_engine.importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UserError, match=r"^engine pybullet: this needs pybullet: pip install 'surefoot\[pybullet\]'$"):
+        Setup.now("valkyrie", "pybullet")
+
+
+def test_the_command_takes_the_engine_and_refuses_an_unknown_one(tmp_path: Path) -> None:
+    suite = tmp_path / "low.toml"
+    keys = ('name = "low_drop"', 'search = ""', "drop = 0.02", 'directions = ["forward"]', "trials = 2")
+    suite.write_text("\n".join(["[[scenario]]", *keys, "horizon = 2.0", "quiet_from = 1.0"]))
+    command = [sys.executable, "-m", "surefoot", "evaluate", "nominal", "--suite", str(suite)]
+    done = subprocess.run(
+        [*command, "--engine", "pybullet", "--json", "-"], capture_output=True, text=True, cwd=tmp_path, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("{")
+    with Results(tmp_path / "results.sqlite", "pybullet") as results:
+        assert results.finished_scenarios(POLICY) == {"low_drop"}
+    refused = subprocess.run(
+        [*command, "--engine", "bullet"], capture_output=True, text=True, cwd=tmp_path, timeout=120
+    )
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("surefoot: unknown engine 'bullet'; valid: mujoco, pybullet")
