@@ -32,7 +32,7 @@ def test_the_example_needs_nothing_but_files_of_its_own_and_stands_without_a_fin
     # Torso 11 + 2, pelvis 6, arms 2 x (1.4 + 1), legs 2 x (0.7 + 0.9 + 3.2 + 2 + 0.2 + 0.8) kg.
     assert check.robot.mass == pytest.approx(39.4)
     np.testing.assert_allclose(check.robot.sole_half_size, [0.11, 0.05])
-    assert check.facts.friction == 1.0  # the larger one of the soles' 0.9 and the floor's
+    assert check.robot.friction == 1.0  # the larger one of the soles' 0.9 and the floor's
 
 
 def test_a_check_says_which_way_a_robot_falls_and_that_its_ankles_are_soft(tmp_path: Path) -> None:
@@ -52,23 +52,23 @@ def test_a_check_says_which_way_a_robot_falls_and_that_its_ankles_are_soft(tmp_p
 @pytest.mark.slow  # Apollo's meshes take ten seconds to read
 @NEEDS_WHEEL
 @pytest.mark.parametrize(
-    ("name", "mass", "sole"),
+    ("name", "mass", "sole", "friction"),
     [
-        ("t1", 31.61, (0.1115, 0.05)),
-        ("op3", 3.15, (0.0635, 0.039)),
-        ("berkeley", 16.06, (0.08, 0.0275)),
-        ("apollo", 80.90, (0.1, 0.0425)),
+        ("t1", 31.61, (0.1115, 0.05), 1.0),
+        ("op3", 3.15, (0.0635, 0.039), 1.0),
+        ("berkeley", 16.06, (0.08, 0.0275), 1.0),
+        ("apollo", 80.90, (0.1, 0.0425), 1.0),
     ],
 )
 def test_every_humanoid_of_the_wheel_stands_with_a_description_alone(
-    name: str, mass: float, sole: tuple[float, float]
+    name: str, mass: float, sole: tuple[float, float], friction: float
 ) -> None:
     robot = load_robot(EXAMPLES / "menagerie" / f"{name}.toml")
     assert robot.is_symmetric
     assert robot.mass == pytest.approx(mass, abs=0.01)
     np.testing.assert_allclose(robot.sole_half_size, sole, atol=1e-4)  # of the boxes in the MJCF files
     facts = inspect_pose(robot, robot.pose())
-    assert facts.friction > 0.0
+    assert robot.friction == friction
     assert facts.sole_tilt.max() < np.radians(0.5)
     outcome = run_list(NominalAgent(robot), [Trial(seed=0)], num_slots=1, num_threads=1)[Trial(seed=0)]
     assert outcome.recovered, outcome.reason

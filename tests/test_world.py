@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from conftest import hold, step_to
+from conftest import TIPTOE, hold, step_to
 
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.rotations import sole_corners
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_DT, TICKS_PER_STEP
-from surefoot.robots import Robot
+from surefoot.robots import Robot, load_robot
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
-from surefoot.robots.model import FLOOR
+from surefoot.robots.model import FLOOR, foot_friction
 
 
 def standing_in(
@@ -39,6 +41,20 @@ def test_the_nominal_domain_is_the_models_own_to_the_last_bit(robot: Robot) -> N
     # A domain that is as good as nominal goes another way, and moves the robot alike.
     nearly = standing_in(robot, DomainParameters(friction=1.0 + 1e-12), 5)
     np.testing.assert_allclose(nearly.record, standing_in(robot, NOMINAL_DOMAIN, 5).record, rtol=1e-6, atol=1e-6)
+
+
+def test_friction_is_a_coefficient_whatever_the_models_own_is(tmp_path: Path) -> None:
+    """The second robot's soles, with 0.6 and a priority over the floor's 1, as those of Menagerie's G1."""
+    for file in TIPTOE.parent.iterdir():
+        text = file.read_bytes().replace(
+            b'<geom friction="1" condim="3"', b'<geom friction="0.6" priority="1" condim="3"'
+        )
+        (tmp_path / file.name).write_bytes(text)
+    slippery = load_robot(tmp_path / TIPTOE.name)
+    assert (load_robot(TIPTOE).friction, slippery.friction) == (1.0, 0.6)
+    for robot in (load_robot(TIPTOE), slippery):
+        model = robot.model(DomainParameters(friction=0.3))
+        assert foot_friction(model, robot.feet) == 0.3
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.5, 1.2])

@@ -228,8 +228,8 @@ def _of_the_size(robot: Robot, facts: PoseFacts) -> Iterator[Finding]:
         length, width = 200.0 * robot.sole_half_size
         yield Finding(False, "feet", f"a sole of {length:.1f} cm x {width:.1f} cm is nearly a line")
     low, high = _FEET_FRICTION
-    if not low <= facts.friction <= high:
-        yield Finding(False, "floor", f"the feet slide with a friction of {facts.friction:g}")
+    if not low <= robot.friction <= high:
+        yield Finding(False, "floor", f"the feet slide with a friction of {robot.friction:g}")
     half = facts.com[1]
     if robot.is_symmetric and abs(half) > 0.01 * robot.leg_length:
         yield Finding(False, "model", f"the CoM is {1000 * half:+.0f} mm off the middle; is a mass on one side only?")

@@ -85,7 +85,7 @@ class Scenario:
     action_noise: float = 0.0
     sensor_bias: float = 0.0
     latency: float = 0.0
-    friction: float = 1.0
+    friction: float | None = None
     mass_scale: float = 1.0
     motor_strength: float = 1.0
     slope_deg: float = 0.0

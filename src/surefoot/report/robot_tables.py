@@ -29,7 +29,7 @@ def facts_table(check: RobotCheck) -> Table:
         ("time", f"{robot.time_scale:.3f} of the paper's robot for the same motion"),
         ("root, torso", f"{robot.root}, {robot.torso}"),
         ("feet", f"{robot.feet[0]}, {robot.feet[1]}; soles of {length:.1f} cm x {width:.1f} cm"),
-        ("friction of the feet", f"{facts.friction:g}"),
+        ("friction of the feet", f"{robot.friction:g}"),
         ("pose", f"{check.pose} of {', '.join(robot.poses)}"),
         ("CoM", f"{facts.com[2]:.3f} m above the soles, {offset[0]:+.1f} cm and {offset[1]:+.1f} cm from their middle"),
         ("toppling stiffness", f"m g z = {robot.weight * facts.com[2]:.0f} Nm/rad{_held(check)}"),

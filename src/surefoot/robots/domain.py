@@ -10,7 +10,7 @@ class DomainParameters:
     """What a robot stands on and is made of, as far as it may differ from the model; the defaults are the model's.
 
     Attributes:
-        friction: sliding friction between feet and floor.
+        friction: coefficient of sliding friction between feet and floor; the model's own without it.
         mass_scale: of every body's mass and inertia.
         motor_strength: of every joint's largest torque.
         slope: angle of the floor [rad]; it rises towards `uphill`.
@@ -18,7 +18,7 @@ class DomainParameters:
         physics_hz: rate of the physics; the joint control stays at 500 Hz.
     """
 
-    friction: float = 1.0
+    friction: float | None = None
     mass_scale: float = 1.0
     motor_strength: float = 1.0
     slope: float = 0.0

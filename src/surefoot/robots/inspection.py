@@ -30,7 +30,6 @@ class PoseFacts:
         inertia: that each motor feels while the robot is free in space, (num_joints,) [kg m^2].
         ankles: index of the last joint that pitches in the left and the right leg; None without one.
         touching: pairs of bodies that are in each other, the floor among them.
-        friction: sliding friction between the feet and the floor.
         root_height: of the root's frame above the floor [m].
     """
 
@@ -41,7 +40,6 @@ class PoseFacts:
     inertia: np.ndarray
     ankles: tuple[int | None, int | None]
     touching: tuple[tuple[str, str], ...]
-    friction: float
     root_height: float
 
 
@@ -64,16 +62,7 @@ def inspect_pose(robot: Robot, pose: np.ndarray) -> PoseFacts:
         ankles=tuple(_ankle(model, data, foot) for foot in robot.feet),  # type: ignore[arg-type]
         touching=_touching(model, data, robot),
         root_height=float(data.qpos[2]),
-        friction=_friction(model, data),
     )
-
-
-def _friction(model: mujoco.MjModel, data: mujoco.MjData) -> float:
-    """The smallest sliding friction of all contacts with the floor, once the soles are 1 mm in it."""
-    data.qpos[2] -= 0.001
-    mujoco.mj_forward(model, data)
-    floor = model.geom(FLOOR).id
-    return float(min((contact.friction[0] for contact in data.contact if floor in contact.geom), default=np.nan))
 
 
 def _inertia(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

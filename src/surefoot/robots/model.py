@@ -86,7 +86,8 @@ def compile_model(
     model = spec.compile()
     if domain == NOMINAL_DOMAIN:
         return model
-    model.geom_friction[:, 0] *= domain.friction
+    if domain.friction is not None:
+        model.geom_friction[:, 0] = domain.friction
     model.body_mass *= domain.mass_scale
     model.body_inertia *= domain.mass_scale
     model.actuator_forcerange *= domain.motor_strength
@@ -95,6 +96,20 @@ def compile_model(
     model.opt.timestep = 1.0 / domain.physics_hz
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
+
+
+def foot_friction(model: mujoco.MjModel, feet: tuple[str, str]) -> float:
+    """Coefficient of sliding friction between the feet and the floor, the smallest one of the feet's shapes.
+
+    Of two shapes, MuJoCo takes the friction of the one with the higher priority, else the larger one.
+    """
+    floor, found = model.geom(FLOOR).id, []
+    bodies = [model.body(foot).id for foot in feet]
+    for geom in range(model.ngeom):
+        if model.geom_bodyid[geom] in bodies and (model.geom_contype[geom] or model.geom_conaffinity[geom]):
+            pair = max((model.geom_priority[each], model.geom_friction[each, 0]) for each in (geom, floor))
+            found.append(float(pair[1]))
+    return min(found)
 
 
 def controlled_joints(spec: mujoco.MjSpec, description: Description) -> list[mujoco.MjsJoint]:

@@ -14,7 +14,7 @@ from surefoot.errors import UserError
 from surefoot.robots.domain import NOMINAL_DOMAIN, DomainParameters
 from surefoot.robots.fingerprint import model_fingerprint
 from surefoot.robots.geometry import reference_data
-from surefoot.robots.model import SOLES, compile_model
+from surefoot.robots.model import SOLES, compile_model, foot_friction
 
 FEET = ("left", "right")
 """The order of the feet, wherever there are two of something."""
@@ -98,6 +98,11 @@ class Robot:
     def fingerprint(self) -> str:
         """Twelve hexadecimal digits that name the physical facts of the robot; results are kept with it."""
         return model_fingerprint(self.model())
+
+    @functools.cached_property
+    def friction(self) -> float:
+        """Coefficient of sliding friction between the feet and the floor."""
+        return foot_friction(self.model(), self.feet)
 
     @property
     def weight(self) -> float:

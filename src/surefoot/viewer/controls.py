@@ -17,7 +17,7 @@ from surefoot.robots import Robot
 from surefoot.viewer.clip import SECONDS
 from surefoot.viewer.markup import render
 from surefoot.viewer.player import MIN_SPEED, Player
-from surefoot.viewer.session import FRICTION, Session
+from surefoot.viewer.session import Session
 from surefoot.viewer.settings import Setting, choice, number
 from surefoot.viewer.source import PolicySource, offered_policies
 
@@ -183,7 +183,7 @@ class Controls:
             "of the paper's noise",
         )
         self._add_slider(
-            *("Friction", "friction", 0.1, 1.5, 0.05, FRICTION),
+            *("Friction", "friction", 0.1, 1.5, 0.05, float(np.clip(player.session.friction, 0.1, 1.5))),
             lambda friction: player.do(lambda session: session.set_friction(friction)),
         )
         stands_up = gui.add_checkbox("Stand up again", initial_value=True, hint="after a fall, by itself")

@@ -107,7 +107,7 @@ class Page:
             session = Session(old.policy, num_robots)
             session.stands_up = old.stands_up
             session.set_noise(old.noise)
-            if old.friction != session.friction:
+            if old.friction != old.robot.friction:
                 session.set_friction(old.friction)
             self.watched = 0
             self.history.clear()

@@ -28,7 +28,6 @@ PAPER_NOISE = NOISE["noise_both"].imperfections
 """What the panel's 100 % of noise is."""
 DOWN_S = 2.0
 """A fallen robot that stands up again by itself does so after that time [s]."""
-FRICTION = 1.0
 HAND, PUSH = 0, 1
 """Slots of what hands and lifts do to a robot, and of pushes."""
 
@@ -52,7 +51,7 @@ class Session:
     Attributes:
         verdicts: states and counts.
         noise: share of the paper's noise on observation and joint targets.
-        friction: of floor and robot, sliding.
+        friction: coefficient of sliding friction between feet and floor.
         stands_up: do fallen robots stand up again after `DOWN_S`?
         message: what went wrong last, for the user; the reader empties it.
         num_steps: policy steps so far.
@@ -72,7 +71,7 @@ class Session:
         self.loop.prepare(policy)
         self.verdicts = Verdicts(num_robots)
         self.noise = 0.0
-        self.friction = FRICTION
+        self.friction = self.robot.friction
         self.stands_up = True
         self.message = ""
         self.num_steps = 0
