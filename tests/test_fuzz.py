@@ -1,10 +1,24 @@
 """A small selection of what `make fuzz` does: damaged files of every format end in one line, and run no code."""
 
+import random
+from pathlib import Path
+
 import pytest
+from fuzzing import formats, policy_formats
 from fuzzing.formats import FORMATS
 from fuzzing.run import ACCEPTED, CLEAN, run_case
 
-NUMBERS = {"robot.toml": 25, "robot.xml": 15, "results.sqlite": 60, "command line": 30, "beginning.json": 30}
+NUMBERS = {
+    "robot.toml": 25,
+    "robot.xml": 25,
+    "results.sqlite": 60,
+    "command line": 30,
+    "beginning.json": 30,
+    "config.json, run": 12,
+    "foreign.onnx, bytes": 60,
+    "foreign.onnx, metadata": 60,
+    "deploy.yaml": 60,
+}
 """Cases of the formats that take long to read; 200 of each other one."""
 
 
@@ -13,3 +27,15 @@ NUMBERS = {"robot.toml": 25, "robot.xml": 15, "results.sqlite": 60, "command lin
 def test_a_damaged_file_is_accepted_or_refused_in_one_line(name: str) -> None:
     found = {number: run_case((name, number)) for number in range(NUMBERS.get(name, 200))}
     assert {number: each for number, each in found.items() if each[0] not in (ACCEPTED, CLEAN)} == {}
+
+
+@pytest.mark.parametrize("name", [name for name in FORMATS if name not in ("command line", "checkpoint.npz")])
+@pytest.mark.filterwarnings("ignore")
+def test_a_whole_file_is_accepted_so_that_it_is_the_damage_that_is_refused(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (formats, policy_formats):
+        for damage in ("damaged_bytes", "damaged_text", "damaged_value"):
+            monkeypatch.setattr(module, damage, lambda rng, whole: whole)
+    monkeypatch.setattr(formats, "damage_database", lambda rng, file: None)
+    FORMATS[name].attempt(random.Random(0), tmp_path)

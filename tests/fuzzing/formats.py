@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import onnx
 
+from fuzzing import policy_formats as policies
 from fuzzing.mutations import NUMBERS, TEXTS, damage_database, damaged_bytes, damaged_text, damaged_value
 from surefoot.agents.load import usual_robot
-from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
-from surefoot.agents.policy_file import METADATA_KEY, network_bytes
 from surefoot.cli.commands import COMMANDS
 from surefoot.cli.options import check_options
 from surefoot.evaluation.outcome import Outcome
@@ -39,7 +37,6 @@ from surefoot.report.evaluations import read_evaluations
 from surefoot.report.paper_tables import table_1
 from surefoot.report.threshold_tables import seeds_table, worst_table
 from surefoot.robots.load import _load
-from surefoot.task.contract import Contract
 
 HERE = Path(__file__).parents[1]
 PRESETS = HERE.parent / "src" / "surefoot" / "learning" / "presets"
@@ -58,31 +55,6 @@ class Format(NamedTuple):
 
     share: int
     attempt: Callable[[random.Random, Path], None]
-
-
-@functools.cache
-def a_policy() -> bytes:
-    rng = np.random.default_rng(0)
-    layers = [(0.1 * rng.normal(size=(o, i)), np.zeros(o)) for i, o in ((47, 8), (8, 11))]
-    contract = Contract.of(usual_robot(), "bent", 0.5, {"algorithm": "ppo", "seed": 0, "minutes": 1.5})
-    return network_bytes(layers, np.zeros(47), np.ones(47), True, contract)
-
-
-def policy_bytes(rng: random.Random, folder: Path) -> None:
-    _run_policy(damaged_bytes(rng, a_policy()))
-
-
-def policy_contract(rng: random.Random, folder: Path) -> None:
-    model = onnx.load_model_from_string(a_policy())
-    values = json.loads(model.metadata_props[0].value)
-    onnx.helper.set_model_props(model, {METADATA_KEY: json.dumps(damaged_value(rng, values))})
-    _run_policy(model.SerializeToString())
-
-
-def _run_policy(data: bytes) -> None:
-    agent = NetworkAgent(data, "fuzzed")
-    agent(np.zeros((2, len(agent.contract.observations))), np.arange(2))
-    agent.hidden  # noqa: B018 what a warm start asks for
 
 
 @functools.cache
@@ -286,9 +258,30 @@ def command_line(rng: random.Random, folder: Path) -> None:
     check_options(command)
 
 
+def config_json_run(rng: random.Random, folder: Path) -> None:
+    """What a run that is resumed makes of an edited configuration: robots and networks."""
+    from surefoot.learning.learner import Learner
+
+    values = json.loads(a_config(rng.choice(("trpo", "ppo", "ddpg"))))
+    values |= {"num_envs": 4}
+    values["hyper"] |= {"n_steps": 3, "batch_size": 12} | (
+        {"buffer_size": 100} if "buffer_size" in values["hyper"] else {}
+    )
+    (folder / "config.json").write_text(json.dumps(damaged_value(rng, values)))
+    config = RunFolder(folder).config()
+    few = dataclasses.replace(config, num_envs=min(config.num_envs, 64))  # more robots only take longer
+    learner = Learner(few, lambda _: few.hyper["learning_rate"])
+    learner.venv.reset()
+    learner.venv.step(np.zeros((few.num_envs, learner.env.robot.num_joints)))
+    learner.venv.close()
+
+
 FORMATS = {
-    "policy.onnx, bytes": Format(12, policy_bytes),
-    "policy.onnx, contract": Format(12, policy_contract),
+    "policy.onnx, bytes": Format(12, policies.policy_bytes),
+    "policy.onnx, contract": Format(12, policies.policy_contract),
+    "foreign.onnx, bytes": Format(6, policies.foreign_bytes),
+    "foreign.onnx, metadata": Format(6, policies.foreign_metadata),
+    "deploy.yaml": Format(3, policies.deploy_yaml),
     "results.sqlite": Format(8, results_table),
     "thresholds.csv": Format(8, thresholds_csv),
     "curve.csv": Format(8, curve_csv),
@@ -297,6 +290,7 @@ FORMATS = {
     "robot.xml": Format(3, robot_xml),
     "preset.toml": Format(8, preset_toml),
     "config.json": Format(12, config_json),
+    "config.json, run": Format(1, config_json_run),
     "stages.json": Format(4, stages_json),
     "beginning.json": Format(2, beginning_json),
     "checkpoint.npz": Format(8, checkpoint_npz),
