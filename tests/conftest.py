@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
-from collections.abc import Callable
+import resource
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 # As surefoot.learning does: before any test file loads torch, whose waiting threads would starve the other workers.
@@ -311,3 +313,14 @@ def context(**weights: float) -> RewardContext:
 def still(ticks: StepRecord) -> StepRecord:
     """The first tick, for a whole policy step."""
     return StepRecord.join([ticks.ticks(slice(0, 1))] * TICKS_PER_STEP)
+
+
+@contextlib.contextmanager
+def full_after(num_bytes: int) -> Iterator[None]:
+    """No file may grow beyond some bytes, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (num_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)

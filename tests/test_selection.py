@@ -9,11 +9,13 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from conftest import full_after
 
 from surefoot.agents.load import load_policy
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import network_bytes
+from surefoot.cli.train import Select
 from surefoot.errors import UserError
 from surefoot.evaluation.trials import run_list
 from surefoot.learning.ablations import LEFT_OUT, ablate, without
@@ -74,18 +76,33 @@ def test_a_suite_validation_tells_by_scenario_how_much_of_the_way_to_the_target_
     assert shares["combined"] < 0.3
 
 
-def test_the_better_policy_is_selected_and_carries_what_was_found(tmp_path: Path) -> None:
+def test_the_better_policy_is_selected_and_carries_what_was_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("ddpg", "ppo"):
         policy = importlib.resources.files("surefoot.agents") / "shipped" / f"{name}.onnx"
         (tmp_path / f"{name}.onnx").write_bytes(policy.read_bytes())
     candidates = [validate_candidate(file, 1) for file in files([tmp_path / "ddpg.onnx", tmp_path / "ppo.onnx"])]
     best = best_candidate(candidates)
     chosen = NetworkAgent(shipped_bytes(best), "chosen")
-    assert chosen.contract.training["selection"] == [{"recovered": round(best.recovered, 4), "calm": best.quiet}]
+    (validation,) = best.validations
+    within = round(validation.within_limits, 4)
+    record = {"recovered": round(best.recovered, 4), "within_limits": within, "calm": best.quiet}
+    assert chosen.contract.training["selection"] == [record]
     observation = np.zeros((1, 47))
     np.testing.assert_array_equal(chosen.actions(observation), load_policy(best.file).actions(observation))
     with pytest.raises(UserError, match=r"no policies in .*nowhere"):
         files([tmp_path / "nowhere"])
+    # The command, with what has just been found: it writes the better one, and nothing on a full disk.
+    found = {candidate.file: candidate for candidate in candidates}
+    monkeypatch.setattr("surefoot.learning.selection.validate_candidate", lambda file, num_rounds: found[file])
+    command = Select(tuple(found), out=tmp_path / "chosen.onnx", rounds=1)
+    command.main()
+    assert command.out.read_bytes() == shipped_bytes(best)
+    command.out.write_bytes(b"an older one")
+    with full_after(1000), pytest.raises(UserError, match=r"cannot write .*chosen\.onnx: File too large"):
+        command.main()
+    assert command.out.read_bytes() == b"an older one"
 
 
 def test_means_are_of_the_policies_that_a_run_kept_within_some_minutes(tmp_path: Path) -> None:

@@ -201,6 +201,7 @@ class Select:
         """Validate all policies and choose one."""
         with needs_torch():
             from surefoot.learning.selection import best_candidate, files, means, shipped_bytes, validate_candidate
+            from surefoot.learning.whole_file import write_whole
 
         competing = files(self.runs)
         if self.mean_minutes:
@@ -219,7 +220,7 @@ class Select:
         best = best_candidate(candidates)
         say(f"best: {best.file}")
         if self.out:
-            self.out.write_bytes(shipped_bytes(best))
+            write_whole(self.out, shipped_bytes(best))
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ def write_whole(path: Path, data: bytes) -> None:
     Raises:
         UserError: it could not be written, a full disk for example.
     """
+    if path.exists() and not path.is_file():
+        raise UserError(f"cannot write {path}: it is no regular file")
     sweep(path.parent, path.name)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
