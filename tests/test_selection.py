@@ -100,7 +100,7 @@ def test_the_better_policy_is_selected_and_carries_what_was_found(
     command.main()
     assert command.out.read_bytes() == shipped_bytes(best)
     command.out.write_bytes(b"an older one")
-    with full_after(1000), pytest.raises(UserError, match=r"cannot write .*chosen\.onnx: File too large"):
+    with full_after(20_000), pytest.raises(UserError, match=r"cannot write .*chosen\.onnx: File too large"):
         command.main()
     assert command.out.read_bytes() == b"an older one"
 
