@@ -4,7 +4,7 @@ import random
 from pathlib import Path
 
 import pytest
-from fuzzing import formats, policy_formats
+from fuzzing import formats, mutations, policy_formats
 from fuzzing.formats import FORMATS
 from fuzzing.run import ACCEPTED, CLEAN, run_case
 
@@ -39,3 +39,12 @@ def test_a_whole_file_is_accepted_so_that_it_is_the_damage_that_is_refused(
             monkeypatch.setattr(module, damage, lambda rng, whole: whole)
     monkeypatch.setattr(formats, "damage_database", lambda rng, file: None)
     FORMATS[name].attempt(random.Random(0), tmp_path)
+
+
+def test_a_case_is_the_same_whatever_was_run_before() -> None:
+    def damaged(seed: int) -> str:
+        return repr(mutations.damaged_value(random.Random(seed), {"a": [1, {"b": "c"}], "d": {"e": 2.5}}))
+
+    first = [damaged(seed) for seed in range(300)]
+    assert [damaged(seed) for seed in range(300)] == first
+    assert len(set(first)) > 200

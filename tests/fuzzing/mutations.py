@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import json
 import random
 import re
@@ -82,24 +81,33 @@ def _replaced(rng: random.Random, text: str, pattern: str, new: str) -> str:
 
 def damaged_value(rng: random.Random, value: Any) -> Any:
     """A nested value of which some parts are others, lost or renamed."""
-    value = copy.deepcopy(value)
+    value = _copied(value)
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         places = list(_places(value))
         if not places:
-            return rng.choice(VALUES)
+            return _copied(rng.choice(VALUES))
         holder, key = rng.choice(places)
         kind = rng.randrange(8)
         if kind == 0:
             del holder[key]
         elif kind == 1 and isinstance(holder, dict):
-            holder[rng.choice(("more", "", "x" * 300, str(key) + "_"))] = holder[key]
+            holder[rng.choice(("more", "", "x" * 300, str(key) + "_"))] = _copied(holder[key])
         elif kind == 2 and isinstance(holder[key], list):
             holder[key] = holder[key] * rng.choice((0, 2, 50))
         elif kind == 3 and isinstance(holder[key], int | float):
             holder[key] = holder[key] * rng.choice((-1, 0, 1e6, 10**12, 0.5))
         else:
-            holder[key] = rng.choice(VALUES)
+            holder[key] = _copied(rng.choice(VALUES))
     return value
+
+
+def _copied(value: Any) -> Any:
+    """The same value with lists and tables of its own, which later damage changes nowhere else."""
+    if value is DEEP:
+        return value
+    if isinstance(value, dict):
+        return {key: _copied(item) for key, item in value.items()}
+    return [_copied(item) for item in value] if isinstance(value, list) else value
 
 
 def _places(value: Any) -> Any:
@@ -149,7 +157,7 @@ def damage_database(rng: random.Random, file: Path) -> None:
 def _cell(rng: random.Random, old: Any) -> Any:
     if isinstance(old, str) and old[:1] in "{[" and rng.random() < 0.8:
         if rng.random() < 0.5:
-            with contextlib.suppress(ValueError):  # it has been damaged before
+            with contextlib.suppress(ValueError, RecursionError):  # it has been damaged before
                 return json.dumps(damaged_value(rng, json.loads(old)))
         return damaged_text(rng, old)
     return rng.choice((None, "", "{", "x" * 200_000, b"\0\1", -1, 10**18, 1e308, float("inf"), 2.5, *TEXTS))
