@@ -23,7 +23,7 @@ from surefoot.report import paper
 from surefoot.report.paper_tables import has_table_4, table_1, table_2, table_3, table_4, table_5
 from surefoot.report.policy_tables import all_tables, quiet_table
 from surefoot.report.table import Table
-from surefoot.report.threshold_tables import scenario_table, seeds_table, worst_table
+from surefoot.report.threshold_tables import scenario_table, seeds_table, summary_table, worst_table
 from surefoot.report.thresholds import median_steps
 from surefoot.robots import Robot
 
@@ -251,3 +251,19 @@ def test_table_4_shows_what_is_rebuilt_below_what_is_quoted(robot: Robot) -> Non
         ("  controllers/urata2011, lateral", "120", "0.87", "yes"),
     ]
     assert len(rows) == len(paper.TABLE_4) + 2
+
+
+def test_the_summary_has_a_row_per_policy_the_strongest_first_and_a_column_per_engine() -> None:
+    weak = [*found("root_push", (90, 60, 96, 66)), *found("root_push_no_step", (42, 48, 54, 60))]
+    strong = found("root_push", (240, 300, 252, 306))
+    table = summary_table({"weak": weak, "strong": strong, "strong in pybullet": found("root_push", (84, 60, 72, 66))})
+    assert table.columns == ["", "worst", "best", "without a step", "in pybullet"]
+    assert table.rows == [["strong", "240", "306", "", "60"], ["weak", "60", "96", "42", ""]]
+    more = [
+        *weak,
+        *(
+            Threshold(line, 54.0, 40, 40, 0.9, 1.0, "share")
+            for line in Scenario("root_push", directions=(45.0,)).lines()
+        ),
+    ]
+    assert summary_table({"more": more}).rows == [["more", "54", "96", "42 (4)"]], "the worst of five directions"

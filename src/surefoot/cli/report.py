@@ -62,9 +62,9 @@ class Table:
 
     thresholds: Annotated[Path, tyro.conf.Positional]
     """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
-    show: Literal["main", "worst", "seeds"] = "main"
-    """main: Table I beside the paper's. worst: the worst direction of every scenario. seeds: median and range over the
-    policies that one algorithm learned, which are named ALGORITHM-SEED."""
+    show: Literal["main", "summary", "worst", "seeds"] = "main"
+    """main: Table I beside the paper's. summary: one row for each policy. worst: the worst direction of every scenario.
+    seeds: median and range over the policies that one algorithm learned, which are named ALGORITHM-SEED."""
     markdown: bool = False
     """As Markdown instead of a drawn table."""
 
@@ -73,11 +73,13 @@ class Table:
         from surefoot.agents.load import usual_robot
         from surefoot.evaluation.results_export import read_thresholds
         from surefoot.report.paper_tables import table_1
-        from surefoot.report.threshold_tables import seeds_table, worst_table
+        from surefoot.report.threshold_tables import seeds_table, summary_table, worst_table
 
         policies = read_thresholds(self.thresholds)
         if self.show == "seeds":
             table = seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
+        elif self.show == "summary":
+            table = summary_table(policies)
         elif self.show == "worst":
             table = worst_table(policies, usual_robot())
         else:

@@ -93,7 +93,7 @@ def files(runs: Sequence[Path]) -> list[Path]:
 def means(run: Path, minutes: float) -> list[Path]:
     """Write means of the weights of all policies that a run kept within a window of time into its folder.
 
-    The impulses at which a policy fails wander from one validation to the next; a mean of policies that are near each
+    Every checkpoint fails at a few isolated push sizes; a mean of policies that are near each
     other fails at few of them.
 
     Args:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -92,6 +93,44 @@ def worst_table(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Ta
     columns = ["", "joint speeds", *(f"{scenario_words(s.name, robot)} [{s.unit}]" for s in searched)]
     note = f"The largest value that holds in every direction that was tested. {LIMITS_NOTE}"
     return Table("The worst direction of every scenario", columns, rows, note)
+
+
+def summary_table(policies: Mapping[str, Sequence[Threshold]]) -> Table:
+    """What each policy survives, in a row that is read in seconds; the strongest comes first.
+
+    Args:
+        policies: thresholds by the policy's name; "NAME in ENGINE" is the same policy in another engine.
+    """
+    every = {name: by_scenario(thresholds) for name, thresholds in policies.items()}
+    found = {name: of_one for name, of_one in every.items() if "root_push" in of_one and " in " not in name}
+    engines = dict.fromkeys(name.partition(" in ")[2] for name in every if " in " in name)
+    num_directions = max((len(of_one["root_push"]) for of_one in found.values()), default=0)
+    shown = {
+        words: {name: _extreme(of_one, scenario, choose, num_directions) for name, of_one in found.items()}
+        for words, scenario, choose in (
+            ("worst", "root_push", min),
+            ("best", "root_push", max),
+            ("within limits", limited_name("root_push"), min),
+            ("without a step", "root_push_no_step", min),
+        )
+    }
+    for engine in engines:
+        there = {name: every.get(f"{name} in {engine}", {}) for name in found}
+        shown[f"in {engine}"] = {name: _extreme(of, "root_push", min, num_directions) for name, of in there.items()}
+    shown = {words: cells for words, cells in shown.items() if any(cells.values())}
+    by_worst = sorted(found, key=lambda name: -min(t.size for t in found[name]["root_push"].values()))
+    rows = [[name, *(cells[name] for cells in shown.values())] for name in by_worst]
+    note = f"[Ns], over {num_directions} directions; where there were others, their number stands in brackets."
+    return Table("Hardest push that each policy survives", ["", *shown], rows, note)
+
+
+def _extreme(of_one: Mapping[str, Mapping[str, Threshold]], scenario: str, choose: Any, num_directions: int) -> str:
+    """The size of a scenario's worst or best direction, with their number if it is not the usual one."""
+    lines = of_one.get(scenario, {})
+    if not lines:
+        return ""
+    size = f"{choose(t.size for t in lines.values()):g}"
+    return size if len(lines) == num_directions else f"{size} ({len(lines)})"
 
 
 def seeds_table(policies: Iterable[tuple[str, Sequence[Threshold]]]) -> Table:

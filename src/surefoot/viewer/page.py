@@ -183,7 +183,8 @@ class Page:
         now = time.monotonic()
         if now - self._last_panel > 1.0 / _PANEL_HZ:
             self._last_panel = now
-            policy = f"{self.source.policy.name} · {self.source.description}"
+            words = (self.source.policy.name, self.source.description)
+            policy = " · ".join(word for word in words if word)
             self.live.show(session, self.history, self.watched, policy, self._rates())
             if session.message:
                 self.tell(session.message, "surefoot", "red")

@@ -64,7 +64,7 @@ class PolicySource:
             return "no learning: the joints hold their nominal pose" if self.name == NOMINAL else ""
         steps = training.get("policy_steps")
         parts = [
-            str(training.get("algorithm", "")),
+            f"learned by {str(training['algorithm']).upper()}" if "algorithm" in training else "",
             f"preset {training['preset']}" if "preset" in training else "",
             f"{steps / 1e6:.2g} million steps" if isinstance(steps, int | float) else "",
             f"{training['minutes']:.0f} min" if isinstance(training.get("minutes"), int | float) else "",
