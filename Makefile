@@ -4,13 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install check test test-fast fuzz demo quick-demo bench results results-tables results-controllers screenshots clean
+.PHONY: help install docs check test test-fast fuzz demo quick-demo bench results results-tables results-controllers screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
 	@echo "make test    run the tests"
 	@echo "make test-fast  run the tests that need no learning and no browser, in a minute and a half"
-	@echo "make check   format, lint, types, import layers"
+	@echo "make check   format, lint, types, import layers, links of the documentation"
+	@echo "make docs    build the documentation: build/site/index.html"
 	@echo "make bench   measure the speed of every layer"
 
 install: $(READY)
@@ -26,6 +27,12 @@ check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# The documentation as a site in build/site, without a network; strict: a link that leads nowhere stops it.
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "site: build/site/index.html"
 
 test: $(READY)
 	$(BIN)/pytest -n 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -135,3 +136,10 @@ def test_resuming_a_finished_run_says_that_its_budget_is_spent(
     Train(resume=tmp_path / "run").main()
     said = " ".join(capsys.readouterr().err.split())
     assert f"{tmp_path}/run has spent its budget of 512 policy steps; --minutes or --steps with more goes on" in said
+
+
+def test_every_setting_says_what_it_means(capsys: pytest.CaptureFixture[str]) -> None:
+    Train(list_settings=True).main()
+    entries = re.split(r"\n│ (?=--)", capsys.readouterr().out)
+    silent = [entry.split()[0] for entry in entries[1:] if entry.split("│")[1].strip().startswith("(default")]
+    assert [option for option in silent if not option.startswith("--hyper.")] == []

@@ -44,7 +44,7 @@ def described(command: type) -> type:
     """
     hints, texts = typing.get_type_hints(command, include_extras=True), option_texts(command)
     for field in dataclasses.fields(command):
-        shown = _valid_values(field.name, hints[field.name])
+        shown = valid_values(field.name, hints[field.name])
         hint = "" if field.default in ("", None, ()) else None
         told = tyro.conf.arg(metavar=shown, help=texts.get(field.name), help_behavior_hint=hint)
         command.__annotations__[field.name] = Annotated[hints[field.name], told]
@@ -68,7 +68,7 @@ def option_texts(command: type) -> dict[str, str]:
     return found
 
 
-def _valid_values(option: str, hint: Any) -> str | None:
+def valid_values(option: str, hint: Any) -> str | None:
     """Return what is shown of an option's valid values; None for what tyro shows by itself."""
     if option in VALID:
         return VALID[option]

@@ -54,7 +54,8 @@ class PushRecoveryBatch(PushRecoveryVectorEnv):
             of no account (what most of gymnasium's wrappers ask for). SAME_STEP: in the step of the end, whose last
             observation is `final_obs` of the info. DISABLED: when the caller resets it by
             ``reset(options={"reset_mask": ...})``, bool (N,); until then its reward is 0.
-        width, height: of each robot's picture [pixels].
+        width: of each robot's picture [pixels].
+        height: of each robot's picture [pixels].
         num_threads: of the physics; 0 for one per core.
 
     Raises:

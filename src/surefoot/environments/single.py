@@ -26,7 +26,8 @@ class PushRecoveryEnv(gym.Env[np.ndarray, np.ndarray]):
         config: the task; without it, the one that the preset `fast` learns.
         robot: a shipped robot's name or the path of a description; the task is scaled to it.
         render_mode: "rgb_array" for pictures, None for none.
-        width, height: of the pictures [pixels].
+        width: of the pictures [pixels].
+        height: of the pictures [pixels].
 
     Raises:
         UserError: there is no such robot or render mode.

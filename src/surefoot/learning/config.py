@@ -55,8 +55,10 @@ class TrainConfig:
         steps: budget in policy steps; with it nothing is measured, and the minutes only tell how much of
             `schedule_minutes` the run is.
         num_envs: robots in the batch.
-        actor, critic: sizes of the hidden layers.
-        past_observations, past_actions: what the actor is given of the last policy steps, see `Memory`.
+        actor: sizes of the policy's hidden layers.
+        critic: sizes of the critic's hidden layers.
+        past_observations: how many observations of the last policy steps the actor is given, see `Memory`.
+        past_actions: how many of its last actions the actor is given.
         hyper: keyword arguments of the algorithm in stable-baselines3, or those of `DistillConfig`.
         final_learning_rate: share of the learning rate left at the end; it falls linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).

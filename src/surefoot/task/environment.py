@@ -63,7 +63,8 @@ class EnvConfig:
         joint_speed_limit: an episode ends when a joint's speed, as a mean over 10 ms, exceeds this share of its limit.
         speed_end_probability: probability of that in a policy step, over the share of the training done; 1 without it.
         noise_share: share of the episodes with noise. Its size is uniform between none and the two deviations below.
-        observation_noise, action_noise: largest standard deviations, see `Imperfections`.
+        observation_noise: largest standard deviation, see `Imperfections`.
+        action_noise: the same of the noise on the joint targets [rad].
         disturbance: the pushes.
         extra_terms: reward terms of your own by their names, see `reward.Term`; they are added to the table, and
             rewarding ones count in the sum of the weights that the reward is divided by.
