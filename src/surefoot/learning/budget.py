@@ -19,8 +19,8 @@ MEASURED_S, MEASURED_SHARE = 10.0, 0.05
 LASTING_SHARE = 0.85
 """Share of the speed at its start that a run has in the mean, validations included: about the median, 0.84, of the nine
 curves in results/curves, whose speed over all was 0.78 to 0.98 of that until their first row."""
-VALIDATION_S = 30.0
-"""Time from one validation to the next, at the mean speed."""
+VALIDATION_S, MAX_VALIDATIONS = 30.0, 40
+"""Time from one validation to the next, at the mean speed; a long run has so many of them at most."""
 MIN_VALIDATION_STEPS = 10_000
 """Policy steps from one validation to the next at least."""
 SPEED, SPENT = "policy_steps_per_s", "measuring_s"
@@ -58,7 +58,7 @@ class Budget:
             speed = check_number(SPEED, measured.get(SPEED), 0.0, 1e9, above=True)
             spent = check_number(SPENT, measured.get(SPENT), 0.0, 1e9)
             steps = max(1, round(LASTING_SHARE * speed * max(seconds - spent, MEASURED_SHARE * seconds)))
-        return cls(steps, max(MIN_VALIDATION_STEPS, round(steps * validation_s / seconds)))
+        return cls(steps, max(MIN_VALIDATION_STEPS, round(steps * max(validation_s / seconds, 1.0 / MAX_VALIDATIONS))))
 
     def share(self, num_steps: int) -> float:
         """Share of the budget that is used after `num_steps` policy steps, 0 to 1."""
