@@ -26,7 +26,7 @@ from surefoot.learning.kept_policies import KeptPolicies
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.schedule import Progress, Schedule
 from surefoot.learning.standing import validate_graded
-from surefoot.learning.student import LabelBuffer, Student
+from surefoot.learning.student import LabelBuffer, MixtureStudent, Student
 from surefoot.learning.teachers import Teachers, read_teachers
 from surefoot.learning.training_record import training_record
 from surefoot.learning.warm_start import Origin, origin_of
@@ -60,6 +60,7 @@ class DistillConfig:
         follow_share: share of the robots that do as their teacher says at first; it falls to none.
         either: see `Teachers.labels`.
         recovering_weight: of labels within `RECOVERING_S` of a push; the others have 1.
+        mixture: the student has its two teachers inside, see `MixtureNetwork`.
     """
 
     teachers: tuple[Mapping[str, Any], ...]
@@ -70,6 +71,7 @@ class DistillConfig:
     follow_share: float = 0.3
     either: float = 0.0
     recovering_weight: float = 3.0
+    mixture: bool = False
 
     @classmethod
     def from_hyper(cls, values: Mapping[str, Any]) -> DistillConfig:
@@ -122,8 +124,10 @@ class Distiller:
         self.rng = np.random.default_rng(config.seed)
         past = config.past_observations, config.past_actions
         torch.manual_seed(config.seed)
-        self.student = Student(self.env, config.actor, *past, told.learning_rate)
-        self.labels = LabelBuffer(told.buffer_size, len(self.student.normalise.mean), self.env.robot.num_joints)
+        policies = [teacher.policy for teacher in self.teachers.teachers]
+        student = partial(MixtureStudent, teachers=policies) if told.mixture else Student
+        self.student = student(self.env, config.actor, *past, told.learning_rate)
+        self.labels = LabelBuffer(told.buffer_size, len(self.student.normalise.mean), self.student.num_targets)
         self.kept = KeptPolicies(validate=lambda policy: validate_graded(policy, num_threads))
         self._deviation = np.linspace(*config.noise, config.num_envs)[:, None]
         self._drift = np.zeros((config.num_envs, self.env.robot.num_joints))
@@ -235,14 +239,15 @@ class Distiller:
 
     def _labelled(self, inputs: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """Keep what the teachers say; return actions (N, num_joints), some of which are the teachers' at first."""
-        labels, levels = self.teachers.labels(self._clear(), actions, self.told.either)
+        clear = self._clear()
+        labels, levels = self.teachers.labels(clear, actions, self.told.either)
         for i in range(len(self.losses)):
             if (rows := levels == i).any():
                 self.losses[i] += 0.01 * (np.square(labels[rows] - actions[rows]).mean() - self.losses[i])
         _, since = self.env.random_pushes.latest(self.env.loop.tick)
         given = np.array([teacher.weight for teacher in self.teachers.teachers])[levels]
         weights = np.where(since < RECOVERING_S * CONTROL_HZ, self.told.recovering_weight * given, 1.0)
-        self.labels.add(inputs, labels, weights)
+        self.labels.add(inputs, self.student.targets(labels, levels, clear), weights)
         share = self.told.follow_share * max(0.0, 1.0 - self.schedule.share / FOLLOWED_UNTIL)
         follows = self.rng.random(len(actions)) < share
         return np.where(follows[:, None], labels, actions)

@@ -11,12 +11,18 @@ from torch import nn
 
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.policy_file import network_bytes
+from surefoot.errors import UserError
 from surefoot.learning.actor import network_layers, put_layers
+from surefoot.learning.mixture import MixtureNetwork
 from surefoot.learning.networks import mlp
 from surefoot.learning.sb3 import Normalisation
 from surefoot.task.contract import Contract
 from surefoot.task.environment import PushRecoveryVectorEnv
 from surefoot.task.memory import Memory
+from surefoot.task.observation import component_names
+
+GATE_WEIGHT = 0.05
+"""Of the surprise of a mixture's gate [nats], beside squared errors."""
 
 
 class Student:
@@ -47,10 +53,40 @@ class Student:
         (num_observed,) = env.single_observation_space.shape or (0,)
         self.memory = Memory(past_observations, past_actions, num_observed, env.robot.num_joints)
         self.memory.prepare(env.num_envs)
-        self.network = mlp(len(self.normalise.mean), hidden, env.robot.num_joints, nn.Tanh)
+        self.network = self.new_network(hidden)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate, fused=True)
         self._past = {"past_observations": past_observations, "past_actions": past_actions}
         self._everyone = np.arange(env.num_envs)
+
+    @property
+    def num_targets(self) -> int:
+        """How many numbers it is to tell of each robot, see `targets`."""
+        return self.env.robot.num_joints
+
+    def new_network(self, hidden: Sequence[int]) -> nn.Module:
+        """Return a network that has learned nothing."""
+        return mlp(len(self.normalise.mean), hidden, self.env.robot.num_joints, nn.Tanh)
+
+    def layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the network as a chain of linear layers with tanh between them."""
+        return network_layers(self.network)
+
+    def targets(self, labels: np.ndarray, levels: np.ndarray, clear: np.ndarray) -> np.ndarray:
+        """Return what it is to tell of N robots.
+
+        Args:
+            labels: what their teachers would do (N, num_joints).
+            levels: indices of these teachers (N,).
+            clear: their observations without noise (N, num_observations).
+
+        Returns:
+            (N, num_targets); here the labels.
+        """
+        return labels
+
+    def error(self, inputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+        """Return how far it is from its targets (n, num_targets): (n,)."""
+        return (self.network(inputs) - targets).square().mean(dim=1)
 
     def inputs(self, observations: np.ndarray) -> np.ndarray:
         """Return what the network is given for all robots' observations (N, num_observations): (N, num_inputs)."""
@@ -66,20 +102,20 @@ class Student:
         self.memory.add(observations, actions, self._everyone)
 
     def descend(self, batch: tuple[torch.Tensor, torch.Tensor, torch.Tensor], learning_rate: float) -> None:
-        """Take a gradient step on a batch of inputs, labels and weights."""
-        inputs, labels, weights = batch
+        """Take a gradient step on a batch of inputs, targets and weights."""
+        inputs, targets, weights = batch
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate
-        error = (self.network(inputs) - labels).square().mean(dim=1)
+        loss = (weights * self.error(inputs, targets)).mean()
         self.optimizer.zero_grad()
-        (weights * error).mean().backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         self.optimizer.step()
 
     def policy_bytes(self, record: dict[str, Any]) -> bytes:
         """Return the student as a policy file with this training record."""
         config = self.env.config
         contract = Contract.of(self.env.robot, config.pose, config.action_scale, record, **self._past)
-        return network_bytes(network_layers(self.network), self.normalise.mean, self.normalise.std, False, contract)
+        return network_bytes(self.layers(), self.normalise.mean, self.normalise.std, False, contract)
 
     def take_policy(self, policy: NetworkAgent) -> None:
         """Go on with the network of a policy with the same memory and layers."""
@@ -95,28 +131,108 @@ class Student:
         self.optimizer.load_state_dict(parameters["optimizer"])
 
 
+class MixtureStudent(Student):
+    """A student with both teachers inside: it learns what its sensors hide, and which teacher fits.
+
+    Args:
+        env, hidden, past_observations, past_actions, learning_rate: as of a `Student`; the layers are the trunk's.
+        teachers: the two.
+
+    Raises:
+        UserError: there are not two teachers, or a network cannot be taken in.
+    """
+
+    network: MixtureNetwork
+
+    def __init__(
+        self,
+        env: PushRecoveryVectorEnv,
+        hidden: Sequence[int],
+        past_observations: int,
+        past_actions: int,
+        learning_rate: float,
+        teachers: Sequence[NetworkAgent],
+    ):
+        if len(teachers) != 2 or len(hidden) != 2:
+            raise UserError(f"a mixture has 2 teachers and 2 hidden layers, not {len(teachers)} and {len(hidden)}")
+        self._teachers = teachers
+        super().__init__(env, hidden, past_observations, past_actions, learning_rate)
+
+    @property
+    def num_targets(self) -> int:
+        """The labels, the clear observation, and whether the first teacher gave them."""
+        return self.env.robot.num_joints + self._num_observed + 1
+
+    @property
+    def _num_observed(self) -> int:
+        return len(component_names(self.env.robot))
+
+    def new_network(self, hidden: Sequence[int]) -> nn.Module:
+        """Return a mixture that hears the second teacher only, and believes its sensors."""
+        first, second = (self._taken_in(teacher) for teacher in self._teachers)
+        return MixtureNetwork(len(self.normalise.mean), self._num_observed, hidden, first, second)
+
+    def layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the network as a chain of linear layers with tanh between them."""
+        return self.network.layers()
+
+    def targets(self, labels: np.ndarray, levels: np.ndarray, clear: np.ndarray) -> np.ndarray:
+        """Return labels, normalised clear observation, and whether the first teacher gave the label."""
+        observed = slice(self._num_observed)
+        normalised = (clear - self.normalise.mean[observed]) / self.normalise.std[observed]
+        return np.column_stack([labels, normalised, levels == 0])
+
+    def error(self, inputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+        """Return the squared errors of actions and clear observation, and how surprised the gate is: (n,)."""
+        actions, clear, logit = self.network.parts(inputs)
+        joints = actions.shape[1]
+        surprise = nn.functional.binary_cross_entropy_with_logits(logit, targets[:, -1], reduction="none")
+        action_error = (actions.clamp(-1.0, 1.0) - targets[:, :joints]).square().mean(dim=1)
+        return action_error + (clear - targets[:, joints:-1]).square().mean(dim=1) + GATE_WEIGHT * surprise
+
+    def take_policy(self, policy: NetworkAgent) -> None:
+        """Raise a UserError: what a mixture is made of cannot be told from its file."""
+        raise UserError("a mixture begins with its teachers, not with another policy; use --resume to go on")
+
+    def _taken_in(self, teacher: NetworkAgent) -> list[tuple[np.ndarray, np.ndarray]]:
+        """A teacher's layers on the normalised observation, in the student's actions."""
+        contract, config = teacher.contract, self.env.config
+        if contract.training.get("algorithm") == "ddpg":
+            raise UserError(f"the teacher {teacher.name} is of DDPG, whose networks a mixture cannot take in")
+        if contract.action_scale < config.action_scale:
+            raise UserError(
+                f"the teacher {teacher.name} has the action scale {contract.action_scale}, less than the mixture's "
+                f"{config.action_scale}"
+            )
+        observed = slice(self._num_observed)
+        *hidden, (weight, bias) = teacher.layers(self.normalise.mean[observed], self.normalise.std[observed])
+        scale = contract.action_scale / config.action_scale
+        shift = (np.array(contract.nominal_pose) - self.env.loop.nominal) / config.action_scale
+        return [*hidden, (scale * weight, scale * bias + shift)]
+
+
 class LabelBuffer:
     """The newest labels.
 
     Args:
         size: how many are kept.
-        num_inputs, num_actions: of the network.
+        num_inputs, num_targets: of the student.
     """
 
-    def __init__(self, size: int, num_inputs: int, num_actions: int):
-        self._tensors = torch.zeros(size, num_inputs), torch.zeros(size, num_actions), torch.zeros(size)
+    def __init__(self, size: int, num_inputs: int, num_targets: int):
+        self._tensors = torch.zeros(size, num_inputs), torch.zeros(size, num_targets), torch.zeros(size)
         self._size, self._next, self._filled = size, 0, 0
 
-    def add(self, inputs: np.ndarray, labels: np.ndarray, weights: np.ndarray) -> None:
-        """Keep inputs (n, num_inputs), labels (n, num_actions) and their weights (n,)."""
+    def add(self, inputs: np.ndarray, targets: np.ndarray, weights: np.ndarray) -> None:
+        """Keep inputs (n, num_inputs), targets (n, num_targets) and their weights (n,)."""
         places = torch.from_numpy((self._next + np.arange(len(inputs))) % self._size)
-        for kept, new in zip(self._tensors, (inputs, labels, weights), strict=True):
+        for kept, new in zip(self._tensors, (inputs, targets, weights), strict=True):
             kept[places] = torch.from_numpy(np.asarray(new, np.float32))
         self._next = (self._next + len(inputs)) % self._size
         self._filled = min(self._size, self._filled + len(inputs))
 
     def draw(self, number: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return inputs, labels and weights of so many of them, drawn with replacement."""
+        """Return inputs, targets and weights of so many of them, drawn with replacement."""
         rows = torch.from_numpy(rng.integers(self._filled, size=number))
-        inputs, labels, weights = (kept[rows] for kept in self._tensors)
-        return inputs, labels, weights
+        inputs, targets, weights = (kept[rows] for kept in self._tensors)
+        return inputs, targets, weights
