@@ -8,6 +8,7 @@ MODULES = {
     "sb3_contrib": "learn",
     "tensorboard": "learn",
     "gymnasium": "learn",
+    "wandb": "wandb",
     "viser": "viewer",
     "trimesh": "viewer",
     "websockets": "viewer",

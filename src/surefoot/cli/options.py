@@ -33,6 +33,7 @@ LIMITS = {
     "directions": Limit(4, 360),
     "duration": Limit(0.0, 5.0, above=True),
     "end": Limit(-600.0, 600.0),
+    "film_minutes": Limit(0.0, 100_000.0, above=True),
     "fps": Limit(0.0, 120.0, above=True),
     "impulse": Limit(0.0, 100_000.0, above=True),
     "lever": Limit(-1.1, 1.0),

@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -19,6 +19,7 @@ from surefoot.errors import UserError
 if TYPE_CHECKING:
     from surefoot.learning.config import TrainConfig
     from surefoot.learning.stages import Stage
+    from surefoot.learning.training_log import LogConfig
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,11 @@ class Train:
     warm_start: Path | None = None
     """Begin with the networks that the run in this folder ended with, or fine-tune a policy (a shipped one's name or a
     file): its critic is learned first."""
+    logger: Literal["tensorboard", "wandb"] = "tensorboard"
+    """tensorboard writes event files into the run folder. wandb sends the same to Weights & Biases, or keeps it in the
+    run folder if the environment says WANDB_MODE=offline."""
+    film_minutes: float | None = None
+    """Minutes from one film of the newest policy to the next, in the log; no films without it. Needs OpenGL."""
     list_settings: bool = False
     """List every setting of the preset (task, pushes, reward, networks, algorithm) with its value instead of learning.
     Each may be set behind the other options, such as --env.disturbance.impulse 40 200 --hyper.gamma 0.98."""
@@ -146,7 +152,7 @@ class Train:
             warm_start(config, self.warm_start)
         self._tell(config, folder)
         with _resumable(folder), training_bar() as show:
-            train(config, folder, resume, show, self.warm_start)
+            train(config, folder, resume, show, self.warm_start, self._log())
         say(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
 
     def _run_stages(self, folder: Path, stages: list[Stage]) -> None:
@@ -159,9 +165,19 @@ class Train:
             say(f"stage {stage.name}:")
             self._tell(stage.config, stage.folder)
             with _resumable(folder), training_bar() as show:
-                stage.run(show)
+                stage.run(show, self._log())
         last = stages[-1].folder
         say(f"the best policy is {last}/best.onnx; test it with: surefoot evaluate {last}")
+
+    def _log(self) -> LogConfig:
+        """Where the figures go."""
+        from surefoot.learning.training_log import LogConfig
+
+        if self.film_minutes is None:
+            return LogConfig(self.logger)
+        from surefoot.rendering.training_film import film_of
+
+        return LogConfig(self.logger, film_of, self.film_minutes)
 
     def _tell(self, config: TrainConfig, folder: Path) -> None:
         say(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")

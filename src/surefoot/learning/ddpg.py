@@ -61,11 +61,13 @@ class BatchDDPG(DDPG):
         drawn = [part for part in self.replay_buffer.sample(gradient_steps * batch_size) if part is not None]
         for parts in zip(*(torch.split(part, batch_size) for part in drawn), strict=True):
             batch = ReplayBufferSamples(*parts)
-            _descend(self.critic, self._critic_loss(batch))
-            _descend(self.actor, self._actor_loss(batch))
+            _descend(self.critic, critic_loss := self._critic_loss(batch))
+            _descend(self.actor, actor_loss := self._actor_loss(batch))
             polyak_update(self.critic.parameters(), self.critic_target.parameters(), self.tau)
             polyak_update(self.actor.parameters(), self.actor_target.parameters(), self.tau)
         self._n_updates += gradient_steps
+        self.logger.record("train/critic_loss", critic_loss.item())
+        self.logger.record("train/actor_loss", actor_loss.item())
 
     def _critic_loss(self, batch: ReplayBufferSamples) -> torch.Tensor:
         discount = self.gamma if batch.discounts is None else batch.discounts

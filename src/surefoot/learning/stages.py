@@ -20,6 +20,7 @@ from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.train import OnProgress, go_on, is_done
+from surefoot.learning.training_log import TENSORBOARD, LogConfig
 from surefoot.learning.whole_file import sweep, write_whole
 
 STAGES_FILE = "stages.json"
@@ -50,7 +51,7 @@ class Stage:
             return False
         return is_done(folder, self.config)
 
-    def run(self, on_progress: OnProgress | None = None) -> None:
+    def run(self, on_progress: OnProgress | None = None, log: LogConfig = TENSORBOARD) -> None:
         """Learn this stage, from its checkpoint if there is one.
 
         Raises:
@@ -59,7 +60,7 @@ class Stage:
         """
         if self.start and not RunFolder(self.start).has_checkpoint:
             raise UserError(f"the stage before has not been learned: {self.start} has no checkpoint")
-        go_on(self.config, self.folder, on_progress, self.start)
+        go_on(self.config, self.folder, on_progress, self.start, log)
 
 
 def begin_stages(path: str | Path, configs: Mapping[str, TrainConfig]) -> list[Stage]:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import configure
 
 from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError
@@ -24,6 +23,7 @@ from surefoot.learning.run_folder import RunFolder, discard_beginning
 from surefoot.learning.schedule import Progress, Schedule
 from surefoot.learning.speed import learning_speed
 from surefoot.learning.standing import validation_for
+from surefoot.learning.training_log import TENSORBOARD, LogConfig, TrainingLog
 from surefoot.learning.training_record import training_record
 from surefoot.learning.warm_start import Origin, begin_with, warm_start
 from surefoot.task.environment import PushRecoveryVectorEnv
@@ -47,6 +47,7 @@ class Trainer:
         resume: go on from the folder's checkpoint.
         on_progress: called a few times a second.
         start: what this run begins with: the networks of another run, or a policy, whose critic is learned first.
+        log: where the figures go.
 
     Attributes:
         learner: robots, algorithm and averaged actor.
@@ -64,8 +65,10 @@ class Trainer:
         resume: bool = False,
         on_progress: OnProgress | None = None,
         start: RunFolder | NetworkAgent | None = None,
+        log: LogConfig = TENSORBOARD,
     ):
         self.config = config
+        self.log_config = log
         self.folder = folder
         self.on_progress = on_progress
         self.progress = Progress()
@@ -100,10 +103,11 @@ class Trainer:
             if not self.kept.files:  # it was stopped before its first validation, and its budget has been lowered since
                 self.keep()
             return
-        self.model.set_logger(configure(str(self.folder.path), ["tensorboard"]))
+        log = TrainingLog(self.config, self.folder.path, self.log_config)
+        self.model.set_logger(log.logger)
         self.schedule.start()
         with deferred_interrupt(self._stop):
-            callback = _Callback(self)
+            callback = _Callback(self, log)
             self.model.learn(_FOREVER, callback=callback, log_interval=_FOREVER, reset_num_timesteps=False)
         self.model.logger.close()
         if self.interrupted:
@@ -116,7 +120,7 @@ class Trainer:
         progress, num_steps = self.progress, self.learner.num_steps - self.origin.num_steps
         self.schedule.update(num_steps)
         progress.seconds, progress.share, progress.steps = self.schedule.seconds, self.schedule.share, num_steps
-        progress.episode_length = self._episode_mean("l")
+        progress.episode_length = self.episode_mean("l")
         self.env.set_progress(self.schedule.position)
 
     def advance(self) -> None:
@@ -128,7 +132,7 @@ class Trainer:
         """Validate the policy, keep it, and write a checkpoint."""
         self.update_progress()
         row = {"minutes": self.progress.seconds / 60.0, "steps": self.progress.steps}
-        episodes = {"episode_length": self.progress.episode_length, "episode_return": self._episode_mean("r")}
+        episodes = {"episode_length": self.progress.episode_length, "episode_return": self.episode_mean("r")}
         self.progress.validation = self.kept.add(self.policy_bytes(), row, episodes)
         self.checkpoint()
 
@@ -160,7 +164,7 @@ class Trainer:
     def _stop(self) -> None:
         self.interrupted = True
 
-    def _episode_mean(self, key: str) -> float:
+    def episode_mean(self, key: str) -> float:
         """Mean length "l" or return "r" of the last episodes; 0 before the first one has ended."""
         values: list[Any] = [episode[key] for episode in self.model.ep_info_buffer or ()]
         return float(np.mean(values)) if values else 0.0
@@ -169,9 +173,10 @@ class Trainer:
 class _Callback(BaseCallback):
     """The hook of stable-baselines3: it keeps the clock, validates and logs when it is time to, and ends the run."""
 
-    def __init__(self, trainer: Trainer):
+    def __init__(self, trainer: Trainer, log: TrainingLog):
         super().__init__()
         self.trainer = trainer
+        self._log_of_run = log
         self._saved = self._logged = time.monotonic()
         self._logged_steps = trainer.model.num_timesteps
         self._looked_at = trainer.progress.steps
@@ -185,6 +190,7 @@ class _Callback(BaseCallback):
         before, self._looked_at = self._looked_at, trainer.progress.steps
         if trainer.schedule.budget.is_due(before, self._looked_at):
             trainer.keep()
+            self._log_of_run.film(lambda: NetworkAgent(trainer.policy_bytes(), "newest"), self.model.num_timesteps)
             self._saved = self._logged = time.monotonic()
             self._logged_steps = self.model.num_timesteps
         elif now - self._saved > CHECKPOINT_S:
@@ -204,16 +210,10 @@ class _Callback(BaseCallback):
         progress = self.trainer.progress
         progress.steps_per_s = (self.model.num_timesteps - self._logged_steps) / (now - self._logged)
         self._logged, self._logged_steps = now, self.model.num_timesteps
-        for name, total in self._reward_sums.items():
-            self.logger.record(f"reward/{name}", total / self._num_sums)
+        rewards = {name: total / self._num_sums for name, total in self._reward_sums.items()}
         self._reward_sums, self._num_sums = {}, 0
-        self.logger.record("rollout/episode_length", progress.episode_length)
-        self.logger.record("time/steps_per_s", progress.steps_per_s)
-        if progress.validation:
-            self.logger.record("validation/recovered", progress.validation.recovered)
-            for name, impulse in progress.validation.main_directions().items():
-                self.logger.record(f"validation/{name}_Ns", impulse)
-        self.logger.dump(self.model.num_timesteps)
+        episode_return = self.trainer.episode_mean("r")
+        self._log_of_run.record(progress, rewards, episode_return, self.model.num_timesteps)
         if self.trainer.on_progress:
             self.trainer.on_progress(progress)
 
@@ -224,6 +224,7 @@ def train(
     resume: bool = False,
     on_progress: OnProgress | None = None,
     start: str | Path | None = None,
+    log: LogConfig = TENSORBOARD,
 ) -> Trainer | Distiller:
     """Run a training to its end: in a new folder, or in one that the same call began and that was interrupted.
 
@@ -235,6 +236,7 @@ def train(
         start: a run folder whose networks a new run begins with, or a policy (a shipped one's name or a file). A run
             that is resumed before its first checkpoint knows it. A student begins with another student only: runs of
             other algorithms are its teachers.
+        log: where the figures go beside the learning curve; a student keeps that one only.
 
     Raises:
         UserError: a folder or policy is not fit for it.
@@ -251,13 +253,17 @@ def train(
         assert not isinstance(begins_with, RunFolder)
         trainer = Distiller(config, folder, folder.has_checkpoint, on_progress, begins_with)
     else:
-        trainer = Trainer(config, folder, folder.has_checkpoint, on_progress, begins_with)
+        trainer = Trainer(config, folder, folder.has_checkpoint, on_progress, begins_with, log)
     trainer.run()
     return trainer
 
 
 def go_on(
-    config: TrainConfig, path: str | Path, on_progress: OnProgress | None = None, start: str | Path | None = None
+    config: TrainConfig,
+    path: str | Path,
+    on_progress: OnProgress | None = None,
+    start: str | Path | None = None,
+    log: LogConfig = TENSORBOARD,
 ) -> Trainer | Distiller:
     """Run a training to its end, whatever an earlier call has left of it: nothing, a beginning, or a checkpoint.
 
@@ -266,7 +272,7 @@ def go_on(
     folder = RunFolder(path)
     if not folder.has_checkpoint and not _is_beginning(folder, config, start):
         discard_beginning(folder.path)
-    return train(config, path, folder.has_checkpoint, on_progress, start)
+    return train(config, path, folder.has_checkpoint, on_progress, start, log)
 
 
 def is_done(folder: RunFolder, config: TrainConfig) -> bool:
