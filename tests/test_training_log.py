@@ -11,6 +11,8 @@ from conftest import tiny
 from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from surefoot.agents.load import load_policy
+from surefoot.errors import UserError
 from surefoot.learning import budget, validation
 from surefoot.learning import train as training
 from surefoot.learning.training_log import Film, LogConfig, hyperparameters
@@ -75,10 +77,11 @@ def test_hyperparameters_are_named_as_the_options_that_set_them() -> None:
     assert found["env.disturbance.impulse"] == "(30.0, 300.0)"
 
 
-def test_the_film_of_a_policy_moves(needs_opengl: None) -> None:
-    from surefoot.agents.load import load_policy
-
-    film = film_of(load_policy("ppo"))
+def test_the_film_of_a_policy_moves() -> None:
+    try:
+        film = film_of(load_policy("ppo"))
+    except UserError as error:
+        pytest.skip(str(error))
     with Image.open(io.BytesIO(film.data)) as gif:
         assert gif.size == (film.width, film.height) == SIZE
         assert gif.n_frames > 40

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Replay:
-    """Run one trial of a results table again, bit for bit, and compare its outcome with the stored one.
+    """Re-run a stored trial of a results table and check that it is bit-identical.
 
     Exit code 1 if anything differs. The same bits are promised on the same kind of machine: another processor may
     round otherwise.

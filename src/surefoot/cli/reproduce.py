@@ -24,7 +24,7 @@ class Reproduce:
     fast: bool = False
     """Three seeds instead of seven."""
     minutes: float | None = None
-    """Wall-clock budget of each training; the preset's without it."""
+    """Minutes of each training (default: the preset's)."""
     preset: str = "fast"
     """Of the trainings, as for `surefoot train`."""
     suite: str = "paper"

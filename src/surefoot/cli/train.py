@@ -41,8 +41,8 @@ class Train:
     run: Path | None = None
     """Folder of the run; runs/PRESET-ALGORITHM-SEED (runs/best-SEED) without it."""
     minutes: float | None = None
-    """About how long it learns, of each stage if there are several; the preset's without it. The speed is measured
-    first, and the minutes become policy steps."""
+    """Minutes to train, of each stage if there are several (default: the preset's). With --resume: the total, earlier
+    sessions included. The speed is measured first, and the minutes become policy steps."""
     steps: int | None = None
     """Budget in policy steps in place of the minutes, of each stage if there are several; the same steps and the same
     seed give the same policy on the same kind of machine."""
