@@ -11,9 +11,12 @@ from conftest import TIPTOE, tiny
 
 from surefoot.agents.load import load_policy
 from surefoot.agents.nominal import NominalAgent
+from surefoot.cli.benchmarks import environment_over_physics
 from surefoot.evaluation.evaluate import run_scenarios
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.trials import Trial, run_list
+from surefoot.learning.robot_scale import for_robot
+from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.train import train
 from surefoot.physics.pushes import Push
 from surefoot.rendering.recording import record
@@ -77,3 +80,29 @@ def test_it_is_played_and_pushed_by_hand(tiptoe: Robot) -> None:
     for _ in range(60):
         ticks = session.step()
     assert not ticks.non_foot_contact.any()
+
+
+def test_the_speed_of_its_environment_is_measured_beside_its_physics() -> None:
+    found = environment_over_physics(0.2, num_envs=4, robot=str(TIPTOE))
+    # The physics of a policy step is part of the environment's. The bounds are wide, for the machine is shared.
+    assert 0.02 < found["bench.env_over_physics"] < 5.0
+    assert found["bench.physics_steps_per_s"] > 0
+
+
+@pytest.mark.slow
+def test_a_lopsided_robot_is_told_of_and_learns_without_a_mirror(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for file in TIPTOE.parent.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    model = tmp_path / "tiptoe.xml"
+    text = model.read_text()
+    assert text.count('name="shank_r" pos="0 0 -0.2"') == 1
+    model.write_text(text.replace('name="shank_r" pos="0 0 -0.2"', 'name="shank_r" pos="0 0.01 -0.2"'))
+    name = str(tmp_path / TIPTOE.name)
+    config = for_robot(dataclasses.replace(tiny("ddpg"), mirror=True), name)
+    assert "joint 'knee_l_joint' has no mirror image" in capsys.readouterr().err
+    assert not config.mirror
+    train(config, tmp_path / "run")
+    assert load_policy(tmp_path / "run").contract.robot == name
+    assert not RunFolder(tmp_path / "run").config().mirror

@@ -13,6 +13,9 @@ class Bench:
 
     seconds: float = 20.0
     """Time for each ratio."""
+    robot: str = ""
+    """The robot: a shipped robot's name, or a description (.toml, docs/your-robot.md); the shipped policies' without
+    it."""
     json: str | None = None
     """Write the figures as one flat JSON object to this file; - for standard output."""
 
@@ -23,7 +26,7 @@ class Bench:
         from surefoot.cli.benchmarks import bench_table, run_bench
 
         with working("measuring") as status:
-            figures = run_bench(self.seconds, lambda stage: status.update(f"measuring {stage}"))
-        results_console(self.json).print(bench_table(figures))
+            figures = run_bench(self.seconds, lambda stage: status.update(f"measuring {stage}"), self.robot)
+        results_console(self.json).print(bench_table(figures, self.robot))
         if self.json:
             write_json(figures, self.json)

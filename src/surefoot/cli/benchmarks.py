@@ -9,20 +9,25 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
 
 from surefoot.agents.network import NetworkAgent
+from surefoot.evaluation.protocol import protocol_for
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.trials import NUM_SLOTS, run_list
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.physics.pushes import horizontal_push
 from surefoot.physics.signals import LowPass
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.robots import Robot, load_robot
 from surefoot.task import observation
 from surefoot.task.environment import PushRecoveryVectorEnv
+
+if TYPE_CHECKING:
+    from surefoot.learning.config import TrainConfig
 
 NUM_ENVS = 256
 TARGETS = {
@@ -34,37 +39,39 @@ TARGETS = {
 }
 
 
-def run_bench(seconds: float = 20.0, on_stage: Callable[[str], None] = lambda stage: None) -> dict[str, float]:
+def run_bench(
+    seconds: float = 20.0, on_stage: Callable[[str], None] = lambda stage: None, robot: str = ""
+) -> dict[str, float]:
     """All figures, with documented keys (docs/figures.md).
 
     Args:
         seconds: for each ratio; a quarter of it for each size of the live page.
         on_stage: told what is measured next.
+        robot: name or description of the robot; the shipped policies' without it.
     """
     on_stage("environment against bare physics")
-    figures = environment_over_physics(seconds)
+    figures = environment_over_physics(seconds, robot=robot)
     on_stage("PPO against its environment")
-    figures |= learning_over_environment(seconds)
+    figures |= learning_over_environment(seconds, robot)
     on_stage("trials against bare physics")
-    figures |= trials_over_physics(seconds)
+    figures |= trials_over_physics(seconds, robot)
     on_stage("one policy step")
-    figures |= policy_step()
+    figures |= policy_step(robot)
     on_stage("the live page")
     for num_robots in (1, 64):
-        figures |= live_page(num_robots, 0.25 * seconds)
+        figures |= live_page(num_robots, 0.25 * seconds, robot)
     return figures
 
 
-def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[str, float]:
+def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS, robot: str = "") -> dict[str, float]:
     """The full environment against `Batch.rollout` on the same states, with the same controls and records.
 
     Step by step, first the environment, then the bare physics from the state that the environment began with.
     """
-    from surefoot.learning.preset_file import preset
-
-    env = PushRecoveryVectorEnv(num_envs, preset("fast", "ppo").env)
+    config = _config(robot).env
+    env = PushRecoveryVectorEnv(num_envs, config)
     env.reset(seed=0)
-    engine, bare = env.loop.engine, PushRecoveryVectorEnv(num_envs, preset("fast", "ppo").env).loop.engine
+    engine, bare = env.loop.engine, PushRecoveryVectorEnv(num_envs, config).loop.engine
     assert isinstance(engine, MujocoEngine)  # its bare physics is what is measured
     assert isinstance(bare, MujocoEngine)
     rng = np.random.default_rng(0)
@@ -85,13 +92,12 @@ def environment_over_physics(seconds: float, num_envs: int = NUM_ENVS) -> dict[s
     }
 
 
-def learning_over_environment(seconds: float) -> dict[str, float]:
+def learning_over_environment(seconds: float, robot: str = "") -> dict[str, float]:
     """PPO end to end (collect and update) against the environment alone: the share of its time spent in there."""
     from surefoot.learning.models import make_model
-    from surefoot.learning.preset_file import preset
     from surefoot.learning.sb3 import SB3VecEnv
 
-    config = preset("fast", "ppo")
+    config = _config(robot)
     env = PushRecoveryVectorEnv(config.num_envs, config.env)
     venv = SB3VecEnv(env, config.privileged_critic)
     model = make_model(config, venv, np.random.default_rng(0), config.hyper["learning_rate"])
@@ -119,9 +125,9 @@ def learning_over_environment(seconds: float) -> dict[str, float]:
     }
 
 
-def trials_over_physics(seconds: float) -> dict[str, float]:
+def trials_over_physics(seconds: float, robot: str = "") -> dict[str, float]:
     """Whole trials of a network against the bare physics inside them: the share of their time spent in there."""
-    inside, began, num_trials = 0.0, time.perf_counter(), 0
+    inside, num_trials = 0.0, 0
     advance = MujocoEngine.advance
 
     def timed_advance(engine: MujocoEngine, *which: Any) -> np.ndarray:
@@ -131,9 +137,10 @@ def trials_over_physics(seconds: float) -> dict[str, float]:
         inside += time.perf_counter() - start
         return record
 
-    line = Scenario("root_push", directions=1).lines()[0]
-    policy = standing_network()
+    policy = standing_network(robot)
+    line = Scenario("root_push", directions=1).lines(protocol_for(policy.robot))[0]
     MujocoEngine.advance = timed_advance  # type: ignore[method-assign, assignment]
+    began = time.perf_counter()
     try:
         while time.perf_counter() - began < seconds:
             trials = [line.trial(4, seed, full_length=False) for seed in range(num_trials, num_trials + NUM_SLOTS)]
@@ -148,18 +155,18 @@ def trials_over_physics(seconds: float) -> dict[str, float]:
     }
 
 
-def policy_step(repeats: int = 3000) -> dict[str, float]:
+def policy_step(robot: str = "", repeats: int = 3000) -> dict[str, float]:
     """Median time of one policy step of one robot: low-pass filter and network [us]."""
-    policy = standing_network()
+    policy = standing_network(robot)
     num_observations = len(policy.contract.observations)
     low_pass = LowPass(1, num_observations, CONTROL_HZ)
     signal = np.random.default_rng(0).standard_normal((1, TICKS_PER_STEP, num_observations))
-    robot = np.array([0])
-    times = [_timed(lambda: policy(low_pass([signal]), robot)) for _ in range(repeats)]
+    one = np.array([0])
+    times = [_timed(lambda: policy(low_pass([signal]), one)) for _ in range(repeats)]
     return {"bench.policy_step_us": round(1e6 * float(np.median(times)), 1)}
 
 
-def live_page(num_robots: int, seconds: float) -> dict[str, float]:
+def live_page(num_robots: int, seconds: float, robot: str = "") -> dict[str, float]:
     """What the live page could do with nothing else to wait for: simulate, judge, place all bodies, write messages.
 
     Its headroom is how many times as fast it is as it has to be: frames per second over the 50 (25 for a crowd) of
@@ -168,10 +175,11 @@ def live_page(num_robots: int, seconds: float) -> dict[str, float]:
     from surefoot.viewer.page import Page
     from surefoot.viewer.source import PolicySource
 
-    page = Page(PolicySource("nominal"), num_robots, port=0)
+    chosen = _robot(robot)
+    page = Page(PolicySource("nominal", chosen), num_robots, port=0)
     try:
         page.player.stop()
-        page.player.session.push(horizontal_push("root", 0.0, 40.0))
+        page.player.session.push(horizontal_push("root", 0.0, 40.0 * chosen.mass_scale))
         frames, steps, began = 0, 0, time.perf_counter()
         while time.perf_counter() - began < seconds:
             steps += page.player.frame()
@@ -186,22 +194,45 @@ def live_page(num_robots: int, seconds: float) -> dict[str, float]:
     }
 
 
-def standing_network() -> NetworkAgent:
-    """A new network of the paper's size that holds the nominal pose: as fast as any trained one."""
+def _robot(name: str) -> Robot:
     from surefoot.agents.load import usual_robot
+
+    return load_robot(name) if name else usual_robot()
+
+
+def _config(robot: str) -> TrainConfig:
+    """The preset `fast` of PPO, scaled to a robot if one is named."""
+    from surefoot.learning.preset_file import preset
+    from surefoot.learning.robot_scale import for_robot
+
+    config = preset("fast", "ppo")
+    return for_robot(config, robot) if robot else config
+
+
+def standing_network(robot_name: str = "") -> NetworkAgent:
+    """A new network of the paper's size that holds the nominal pose: as fast as any trained one."""
     from surefoot.agents.policy_file import network_bytes
     from surefoot.task.contract import Contract
 
-    robot = usual_robot()
+    robot = _robot(robot_name)
     sizes = [len(observation.component_names(robot)), 100, 50, 25, robot.num_joints]
     layers = [(np.zeros((o, i)), np.zeros(o)) for i, o in zip(sizes[:-1], sizes[1:], strict=True)]
     contract = Contract.of(robot, next(iter(robot.poses)), 1.0)
     return NetworkAgent(network_bytes(layers, np.zeros(sizes[0]), np.ones(sizes[0]), False, contract), "standing")
 
 
-def bench_table(figures: dict[str, float]) -> Table:
+HOW = (
+    f"env_over_physics: {NUM_ENVS} robots of the preset fast step in the environment; after each policy step the bare "
+    "physics makes the same 20 ticks from the same state with the same controls and records the same. The figure is "
+    "its time over the environment's, all steps together."
+)
+"""How the first ratio is measured."""
+
+
+def bench_table(figures: dict[str, float], robot: str = "") -> Table:
     """The figures with their targets, for the terminal."""
-    table = Table(title="surefoot bench", title_justify="left")
+    title = f"surefoot bench: {_robot(robot).title}"
+    table = Table(title=title, title_justify="left", caption=HOW, caption_justify="left")
     for column in ("figure", "value", "target"):
         table.add_column(column, justify="left" if column == "figure" else "right")
     for key, value in figures.items():

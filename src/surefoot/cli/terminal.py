@@ -66,9 +66,10 @@ def training_bar() -> Iterator[Callable[[TrainingProgress], None]]:
         task = bar.add_task("train", total=1.0, says="starting")
 
         def show(progress: TrainingProgress) -> None:
-            left = progress.seconds * (1.0 - progress.share) / max(progress.share, 1e-9)
+            share = progress.share
+            left = clock(progress.seconds * (1.0 - share) / share) if share else "all"
             says = (
-                f"{clock(left)} left, {progress.steps / 1000:,.0f}k steps, {progress.steps_per_s:,.0f}/s, "
+                f"{left} left, {progress.steps / 1000:,.0f}k steps, {progress.steps_per_s:,.0f}/s, "
                 f"episode {progress.episode_length / 25:.1f} s"
             )
             if progress.validation:
