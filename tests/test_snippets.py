@@ -19,10 +19,8 @@ import pytest
 
 from surefoot.cli.commands import parsed
 from surefoot.cli.options import check_options
-from surefoot.cli.settings import with_settings
 from surefoot.cli.train import Train
 from surefoot.evaluation.scenario_file import suite
-from surefoot.learning.preset_file import preset
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted(
@@ -91,10 +89,8 @@ def test_a_command_is_understood(command: str) -> None:
         return
     found = parsed(words)
     check_options(found)
-    if isinstance(found, Train):
-        with_settings(
-            preset(found.preset, found.algorithm) if found.settings else preset("fast", "ddpg"), found.settings
-        )
+    if isinstance(found, Train) and found.settings:
+        assert found._config(found.stage or "")
 
 
 def test_targets_of_make_and_extras_of_the_package_exist() -> None:
