@@ -86,7 +86,6 @@ class Controls:
         self._actions = actions
         self._folders = folders
         self._first_policy = actions.source.name
-        gui.add_html(render("help", keys=_KEYS))
         with gui.add_folder("Push"):
             self._add_pushes(actions.player.session.robot)
         with gui.add_folder("Policy and robots"):
@@ -96,6 +95,7 @@ class Controls:
             self._add_time()
         with gui.add_folder("View"):
             self._add_view()
+        gui.add_html(render("help", keys=_KEYS))
         self._add_keys()
 
     def set_impulse(self, impulse: float) -> None:
@@ -125,7 +125,7 @@ class Controls:
             max=180,
             step=15,
             initial_value=0,
-            marks=((-180, "back"), (-90, "right"), (0, "forward"), (90, "left"), (180, "back")),
+            marks=((-180, "back"), (-90, "right"), (0, "front"), (90, "left"), (180, "back")),
             hint="degrees, as the robot sees it",
         )
         self._angle = Setting(angle, number("direction", -180, 180))

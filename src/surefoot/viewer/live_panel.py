@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -44,7 +45,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Plot:
-    """A plot of the panel; its range reaches from `-limit` to `limit`."""
+    """A plot of the panel; its usual range reaches from `-limit` to `limit`."""
 
     title: str
     limit: float
@@ -75,12 +76,15 @@ class LivePanel:
     def __init__(self, server: viser.ViserServer, robot: Robot):
         gui = server.gui
         self._status = gui.add_html("")
-        self._plots = {}
+        self._plots: dict[tuple[str, ...], viser.GuiUplotHandle] = {}
+        self._usual: dict[tuple[str, ...], float] = {}
+        self._limits: dict[tuple[str, ...], float] = {}
         for plot in plots_of(robot):
             named = [(curve.word, curve.ink) for curve in plot.curves if curve.word]
             gui.add_html(render("plot_title", title=plot.title, curves=named))
             columns = tuple(curve.column for curve in plot.curves)
             self._plots[columns] = _add_plot(gui, plot)
+            self._usual[columns] = self._limits[columns] = plot.limit
         self._torques = gui.add_html("")
         gui.add_html(legend_html())
 
@@ -89,7 +93,27 @@ class LivePanel:
         self._status.content = status_html(session, watched, policy, rates)
         for columns, plot in self._plots.items():
             plot.data = history.columns(*columns)
+            self._fit(columns, plot)
         self._torques.content = torques_html(session.robot, session.ticks, watched, history.peak_torque)
+
+    def _fit(self, columns: tuple[str, ...], plot: viser.GuiUplotHandle) -> None:
+        """Double the range of a plot until its curves fit into it, and halve it again when they have passed."""
+        limit = fitting_limit(self._usual[columns], plot.data)
+        if limit != self._limits[columns]:
+            self._limits[columns] = limit
+            plot.scales = _scales(limit)
+
+
+def fitting_limit(usual: float, data: Sequence[np.ndarray]) -> float:
+    """Return the range of a plot: its usual one, doubled until the curves fit.
+
+    Args:
+        usual: of the plot.
+        data: times, and the values of each curve; NaN where there is none.
+    """
+    values = np.abs(np.concatenate(data[1:]))
+    largest = float(np.max(values, initial=0.0, where=np.isfinite(values)))
+    return usual * 2.0 ** max(0, math.ceil(math.log2(max(largest / usual, 1.0))))
 
 
 def status_html(session: Session, watched: int, policy: str, rates: str) -> str:
@@ -102,13 +126,20 @@ def status_html(session: Session, watched: int, policy: str, rates: str) -> str:
         "status",
         color=STATE_COLORS[state],
         word=word,
-        detail=session.strategies(watched) or detail,
+        detail=_hand_words(session, watched) or session.strategies(watched) or detail,
+        deeds=list(session.deeds),
         recovered=verdicts.recovered,
         fallen=verdicts.fallen,
         crowd=[count for count in counts if count[0]] if session.num_robots > 1 else [],
         policy=policy,
         rates=rates,
     )
+
+
+def _hand_words(session: Session, watched: int) -> str:
+    """How strongly a hand pulls at the watched robot."""
+    force = session.hand_force(watched)
+    return f"held by hand with {force:.0f} N" if force else ""
 
 
 def legend_html() -> str:
@@ -148,16 +179,17 @@ def _add_plot(gui: viser.GuiApi, plot: Plot) -> viser.GuiUplotHandle:
     return gui.add_uplot(
         History().columns(*columns),
         (uplot.Series(label="s"), *_series(plot.curves)),
-        scales={
-            "x": uplot.Scale(time=False, range=(-SECONDS, 0.0)),
-            "y": uplot.Scale(range=(-plot.limit, plot.limit)),
-        },
+        scales=_scales(plot.limit),
         axes=(uplot.Axis(show=False), _axis()),
         legend=uplot.Legend(show=False),
         cursor=uplot.Cursor(show=False),
         height=_PLOT_HEIGHT,
         padding=(4, 8, 4, 0),
     )
+
+
+def _scales(limit: float) -> dict[str, uplot.Scale]:
+    return {"x": uplot.Scale(time=False, range=(-SECONDS, 0.0)), "y": uplot.Scale(range=(-limit, limit))}
 
 
 def _series(curves: Sequence[Curve]) -> list[uplot.Series]:

@@ -13,10 +13,12 @@ from surefoot.evaluation.trials import JOINT_NOISE
 from surefoot.physics.pushes import NEVER, Push, Pushes
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.rendering.words import push_words
 from surefoot.task.agent import Agent
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.guard import NOT_FINITE, RAISED, TOO_LATE, WRONG_SHAPE
 from surefoot.task.imperfections import Imperfections
+from surefoot.viewer.deeds import Deeds
 from surefoot.viewer.verdict import State, Verdicts
 
 MAX_ROBOTS = 64
@@ -50,6 +52,7 @@ class Session:
 
     Attributes:
         verdicts: states and counts.
+        deeds: what was done to the robots last.
         noise: share of the paper's noise on observation and joint targets.
         friction: coefficient of sliding friction between feet and floor.
         stands_up: do fallen robots stand up again after `DOWN_S`?
@@ -70,6 +73,7 @@ class Session:
         self.loop = ControlLoop(self.robot, num_robots, np.array(policy.contract.nominal_pose), num_threads=num_threads)
         self.loop.prepare(policy)
         self.verdicts = Verdicts(num_robots)
+        self.deeds = Deeds()
         self.noise = 0.0
         self.friction = self.robot.friction
         self.stands_up = True
@@ -104,6 +108,7 @@ class Session:
 
     def push(self, push: Push, ids: np.ndarray | None = None) -> None:
         """Push robots `ids` (all without it) `push.start` seconds from now, instead of what pushes them then."""
+        self.deeds.begin(f"{push_words(push)}, {push.impulse / push.duration:.0f} N")
         self._schedule(PUSH, self.everyone if ids is None else ids, push)
 
     def lift_and_push(self, push: Push) -> None:
@@ -111,16 +116,19 @@ class Session:
         lift = Push("root", (0.0, 0.0, 1.0), impulse=float(round(LIFT_PER_MASS * self.robot.mass)))
         self._schedule(HAND, self.everyone, lift)
         after = lift.start + lift.duration + AIRBORNE_S
-        self.push(dataclasses.replace(push, start=after))
+        self.deeds.begin(f"lifted by {push_words(lift)}, then {push_words(push)}")
+        self._schedule(PUSH, self.everyone, dataclasses.replace(push, start=after))
 
     def drop(self, height: float) -> None:
         """Let all robots fall from `height` [m] above the floor."""
+        self.deeds.begin(f"drop from {height:g} m")
         self.reset(height=height)
         self._disturb(self.everyone, self.loop.tick, self.loop.tick)
 
     def pull(self, robot: int, body: int, force: np.ndarray) -> None:
         """Hold a body (MuJoCo id) of one robot by a force (3,) [N] at its CoM until `release`."""
         self._pulls[robot] = body, np.asarray(force, float)
+        self.deeds.pull(float(np.linalg.norm(force)))
 
     def release(self, robot: int) -> None:
         """Let go of a robot."""
@@ -185,6 +193,10 @@ class Session:
         """Who is held by a hand, bool (num_robots,)."""
         return np.isin(self.everyone, list(self._pulls))
 
+    def hand_force(self, robot: int) -> float:
+        """The force of the hand that holds a robot [N]; 0 if none does."""
+        return float(np.linalg.norm(self._pulls[robot][1])) if robot in self._pulls else 0.0
+
     def strategies(self, robot: int) -> str:
         """How a robot keeps its balance since its disturbance began, or did at the last one, in words."""
         if self.verdicts.state[robot] in (State.RECOVERING, State.FELL):
@@ -208,6 +220,9 @@ class Session:
         before = self.verdicts.state.copy()
         self.verdicts.update(self.ticks, self.loop.tick, diverged)
         recovered = np.flatnonzero((self.verdicts.state == State.RECOVERED) & (before != State.RECOVERED))
+        fell = np.flatnonzero((self.verdicts.state == State.FELL) & (before != State.FELL))
+        how = _words(self._watch, int([*fell, *recovered][-1])) if len(fell) + len(recovered) else ""
+        self.deeds.count(len(recovered), len(fell), how)
         if len(recovered):
             for robot in recovered.tolist():
                 self._told[robot] = _words(self._watch, robot) or "without any strategy worth a name"

@@ -1,0 +1,67 @@
+"""Deeds: what was done to the robots last, and what became of them, for the list on the live page."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+SHOWN = 5
+"""How many of the last deeds are kept."""
+
+
+@dataclass
+class Deed:
+    """One disturbance.
+
+    Attributes:
+        words: what was done: "300 Ns left, 2500 N".
+        recovered, fell: how many robots did so since, until the next deed.
+        how: the strategies of the robot that recovered or fell last, in words.
+        force: largest force of a hand so far [N]; 0 for other deeds.
+    """
+
+    words: str
+    recovered: int = 0
+    fell: int = 0
+    how: str = ""
+    force: float = 0.0
+
+    @property
+    def verdict(self) -> str:
+        """What became of the robots, in words; empty while nobody knows."""
+        parts = [(self.recovered, "recovered"), (self.fell, "fell")]
+        several = self.recovered + self.fell > 1
+        return ", ".join(f"{number} {word}" if several else word for number, word in parts if number)
+
+
+class Deeds:
+    """The last deeds, the newest first."""
+
+    def __init__(self) -> None:
+        self._deeds: deque[Deed] = deque(maxlen=SHOWN)
+
+    def __iter__(self) -> Iterator[Deed]:
+        """Go through them, the newest first."""
+        return iter(list(self._deeds))
+
+    def begin(self, words: str) -> None:
+        """Something is done now."""
+        self._deeds.appendleft(Deed(words))
+
+    def pull(self, force: float) -> None:
+        """A hand pulls with a force [N]; one deed until its robot has recovered or fallen."""
+        latest = self._deeds[0] if self._deeds else None
+        if latest is None or not latest.force or latest.verdict:
+            self.begin("")
+            latest = self._deeds[0]
+        latest.force = max(latest.force, force)
+        latest.words = f"by hand, up to {latest.force:.0f} N"
+
+    def count(self, recovered: int, fell: int, how: str) -> None:
+        """So many robots have recovered or fallen in this step, the last of them with these strategies."""
+        if self._deeds and (recovered or fell):
+            latest = self._deeds[0]
+            latest.recovered += recovered
+            latest.fell += fell
+            latest.how = how
