@@ -23,7 +23,7 @@ from surefoot.learning.curve import read_curve
 from surefoot.learning.run_folder import BEST, CURVE, LAST, RunFolder
 from surefoot.learning.train import Trainer, go_on, train
 from surefoot.learning.validation import Validation
-from surefoot.learning.whole_file import sweep, write_whole
+from surefoot.whole_file import sweep, write_whole
 
 pytestmark = pytest.mark.slow
 WRITES = 5

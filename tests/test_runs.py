@@ -14,7 +14,7 @@ import torch
 from conftest import tiny
 from stable_baselines3 import DDPG
 
-import surefoot.learning.whole_file as whole_file_module
+import surefoot.whole_file as whole_file_module
 from surefoot.agents.load import load_policy
 from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError

@@ -22,6 +22,7 @@ from surefoot.learning.preset_file import preset
 from surefoot.learning.schedule import Progress
 from surefoot.learning.train import go_on
 from surefoot.report.page import Report, make_report
+from surefoot.whole_file import write_whole
 
 ALGORITHMS = ("trpo", "ppo", "ddpg")
 FULL_SEEDS, FAST_SEEDS = 7, 3
@@ -114,8 +115,8 @@ def report_study(study: Study, on_progress: Callable[[str], None] = lambda words
     """The report of all evaluations so far, with the learning curves; also written to the study's folder."""
     folders = [run.folder for run in study.runs() if run.is_trained]
     report = make_report([study.results], read_curves(study.out), folders, on_progress=on_progress)
-    (study.out / "report.html").write_text(report.html())
-    (study.out / "report.md").write_text(report.markdown())
+    write_whole(study.out / "report.html", report.html().encode())
+    write_whole(study.out / "report.md", report.markdown().encode())
     return report
 
 

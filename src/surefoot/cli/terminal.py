@@ -17,6 +17,7 @@ from rich.text import Text
 
 from surefoot.errors import UserError
 from surefoot.extras import advice
+from surefoot.whole_file import write_whole
 
 if TYPE_CHECKING:
     from surefoot.evaluation.evaluate import OnProgress
@@ -115,7 +116,14 @@ def write_json(figures: dict[str, float], path: str) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Raises UserError: the file cannot be written."""
+    """Write a file such that the old one stays until the new one is there; into a pipe or a device as it comes.
+
+    Raises:
+        UserError: it cannot be written.
+    """
+    if path.is_file() or not path.exists():
+        write_whole(path, text.encode())
+        return
     try:
         path.write_text(text)
     except OSError as error:

@@ -217,7 +217,7 @@ class Select:
         """Validate all policies and choose one."""
         with needs_torch():
             from surefoot.learning.selection import best_candidate, files, means, shipped_bytes, validate_candidate
-            from surefoot.learning.whole_file import write_whole
+            from surefoot.whole_file import write_whole
 
         competing = files(self.runs)
         if self.mean_minutes:

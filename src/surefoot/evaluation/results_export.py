@@ -16,6 +16,7 @@ from surefoot.errors import UserError
 from surefoot.evaluation.results_old import threshold_row
 from surefoot.evaluation.results_schema import Key, as_dicts, latest, threshold_of
 from surefoot.evaluation.threshold_search import Threshold
+from surefoot.whole_file import write_whole
 
 MAX_CSV_BYTES = 50_000_000
 """Of a table of thresholds."""
@@ -62,10 +63,9 @@ def export(db: sqlite3.Connection, table: str, path: str | Path) -> None:
     if Path(path).suffix == ".parquet":
         write = partial(pyarrow.parquet.write_table, compression="zstd", compression_level=15)
     rows = list(as_dicts(db.execute(_EXPORTS[table])))
-    try:
-        write(pyarrow.Table.from_pylist(rows), str(path))
-    except OSError as error:
-        raise UserError(f"cannot write {path}: {error}") from error
+    written = io.BytesIO()
+    write(pyarrow.Table.from_pylist(rows), written)
+    write_whole(Path(path), written.getvalue())
 
 
 def check_export(path: str | Path) -> None:

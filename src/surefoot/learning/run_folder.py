@@ -33,7 +33,7 @@ from surefoot.checks import is_number, parse_json, parse_json_table, read_text, 
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.curve import read_curve
-from surefoot.learning.whole_file import sweep, write_whole
+from surefoot.whole_file import sweep, write_whole
 
 KEPT = "kept"
 BEST, LAST, CURVE = f"best{SUFFIX}", f"last{SUFFIX}", "curve.csv"

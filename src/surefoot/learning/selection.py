@@ -15,7 +15,7 @@ from surefoot.learning.run_folder import KEPT
 from surefoot.learning.stages import run_folders
 from surefoot.learning.suite_validation import validate_suite
 from surefoot.learning.validation import MAX_SCORE, Validation, validate
-from surefoot.learning.whole_file import write_whole
+from surefoot.whole_file import write_whole
 
 FIRST_ROUND = 1
 """A training validates with round 0, by which its best policy was chosen already."""

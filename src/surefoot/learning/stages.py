@@ -21,7 +21,7 @@ from surefoot.learning.config import TrainConfig
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.train import OnProgress, go_on, is_done
 from surefoot.learning.training_log import TENSORBOARD, LogConfig
-from surefoot.learning.whole_file import sweep, write_whole
+from surefoot.whole_file import sweep, write_whole
 
 STAGES_FILE = "stages.json"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,60}")
