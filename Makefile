@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install docs check test test-fast fuzz demo quick-demo bench results results-tables results-controllers screenshots clean
+.PHONY: help install docs check test test-fast fuzz kill soak demo quick-demo bench results results-tables results-controllers screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
@@ -96,6 +96,14 @@ screenshots: $(READY)
 # 100,000 damaged files of every format, an hour at most.
 fuzz: $(READY)
 	PYTHONPATH=tests $(BIN)/python tests/fuzz.py
+
+# 100 kills of trainings, evaluations and studies at random moments and 30 at chosen writes, an hour at most.
+kill: $(READY)
+	PYTHONPATH=tests $(BIN)/python tests/kill.py
+
+# 50 viewers of the live page for two hours, and its memory.
+soak: $(READY)
+	PYTHONPATH=tests $(BIN)/python tests/soak.py
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache

@@ -110,13 +110,13 @@ def check_training(folder: Path, told: Told, now: float) -> Loss:
     if (folder / CURVE).exists():
         read_curve(folder / CURVE)
     if not run.has_checkpoint:
-        lost = [f"{told.committed_steps} steps were in a checkpoint that is gone"] * bool(told.committed_steps)
+        lost = ["a checkpoint is gone"] * bool(told.committed_at)
         return Loss(told.steps, 0.0, lost)
     _, state = run.load_checkpoint()
     files, best, steps = run.restore_files(), float(state["best_score"]), run.num_steps()
-    if steps < told.committed_steps:
+    if told.committed_at and steps < told.committed_steps:
         faults.append(f"the checkpoint has {steps} steps, not {told.committed_steps}")
-    if best < told.committed_best:
+    if told.committed_at and best < told.committed_best:
         faults.append(f"the best score fell from {told.committed_best} to {best}")
     if files and BEST in files:
         kept = NetworkAgent((folder / BEST).read_bytes(), "best").contract.training["validation"]["recovered"]

@@ -163,7 +163,7 @@ class Page:
         """Give a browser the last seconds as a film, drawn by another process; one at a time."""
         try:
             film = self._filming.draw(self.player.session.robot, self.clip.shots())
-            client.send_file_download("surefoot.mp4", film)
+            client.send_file_download("surefoot.mp4", film, save_immediately=True)
         except UserError as error:
             client.add_notification("film", str(error), auto_close_seconds=6.0, color="red")
 
