@@ -7,10 +7,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 
 from surefoot.agents.load import shipped_policies
-from surefoot.agents.policy_file import network_bytes
+from surefoot.agents.policy_file import METADATA_KEY, network_bytes
 from surefoot.cli.commands import COMMANDS
 from surefoot.cli.evaluate import chosen_scenarios
 from surefoot.robots import Robot, load_robot
@@ -105,9 +106,11 @@ def test_bad_input_gets_one_clear_line_and_exit_code_2(arguments: list[str], mes
 
 def policy_of_another_robot() -> bytes:
     robot = load_robot("valkyrie")
-    text = Contract.of(robot, "bent", 0.6).to_json().replace('"valkyrie"', '"atlas"')
-    layers = [(np.zeros((11, 47)), np.zeros(11))]
-    return network_bytes(layers, np.zeros(47), np.ones(47), False, Contract.from_json(text))
+    contract = Contract.of(robot, "bent", 0.6)
+    data = network_bytes([(np.zeros((11, 47)), np.zeros(11))], np.zeros(47), np.ones(47), False, contract)
+    model = onnx.load_model_from_string(data)
+    onnx.helper.set_model_props(model, {METADATA_KEY: contract.to_json().replace('"valkyrie"', '"atlas"')})
+    return model.SerializeToString()
 
 
 def test_evaluate_writes_its_figures_to_standard_output_and_the_rest_to_standard_error(tmp_path: Path) -> None:

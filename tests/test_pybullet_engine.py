@@ -15,6 +15,7 @@ from surefoot.agents.load import load_agent
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import push_lines
 from surefoot.evaluation.trials import run_list
+from surefoot.physics import pybullet_world
 from surefoot.physics.engine import Engine
 from surefoot.physics.engines import ENGINES, make_engine
 from surefoot.physics.motors import Motors
@@ -196,6 +197,21 @@ def test_a_far_target_gives_the_torque_limit_and_a_free_joint_keeps_its_speed_li
         np.abs(ticks.joint_torque).max(axis=(0, 1)), robot.torque_limit
     ))  # fmt: skip
     assert 0.5 < ticks.joint_velocity[0, :, knee].max() / robot.velocity_limit[knee] < 1.05
+
+
+def test_the_explicit_joint_law_rings_at_500_hz_and_not_at_1000(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Feet in the air: Kd dt / I = 120 Nms/rad * 2 ms / (0.1 + 0.02) kg m^2 = 2 is the limit of an explicit law."""
+    fastest = []
+    for substeps in (1, 2):
+        monkeypatch.setattr(pybullet_world, "SUBSTEPS", substeps)
+        world = BulletWorld(robot, NOMINAL_DOMAIN)
+        world.reset(robot.pose("bent"), 0.0, 1.0, 0.0, 0.0)
+        for _ in range(5):
+            rows, _ = world.advance(hold(robot, 1)[0], None)
+        fastest.append(np.abs(StepRecord(robot, rows[None]).joint_velocity).max())
+        world.close()
+    assert fastest[0] > 1.0
+    assert fastest[1] < 0.1
 
 
 def test_gains_can_be_set(engine: PybulletEngine, robot: Robot) -> None:

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from conftest import an_outcome
 
 from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import evaluate_and_store
-from surefoot.evaluation.replay import replay
+from surefoot.evaluation.replay import replay as run_again
 from surefoot.evaluation.results import Results
 from surefoot.evaluation.results_export import read_thresholds
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.physics.engines import ENGINES
+from surefoot.report.engine_table import engine_table
 from surefoot.report.evaluations import read_evaluations
 
 POLICY = NominalAgent(usual_robot())
@@ -71,7 +74,7 @@ def test_a_trial_in_the_other_engine_is_replayed_bit_for_bit(table: Path) -> Non
     with Results(table) as results:
         rows = [results.row(number) for number in range(1, 5)]
     assert [row.key.setup.engine_word for row in rows] == ["mujoco"] * 2 + ["pybullet"] * 2
-    assert replay(rows[3], POLICY) == rows[3].outcome
+    assert run_again(rows[3], POLICY) == rows[3].outcome
 
 
 def test_a_report_and_an_export_name_the_engine_behind_the_policy(table: Path, tmp_path: Path) -> None:
@@ -81,6 +84,35 @@ def test_a_report_and_an_export_name_the_engine_behind_the_policy(table: Path, t
         results.export("thresholds", tmp_path / "thresholds.csv")
     found = read_thresholds(tmp_path / "thresholds.csv")
     assert {name: t.size for name, (t,) in found.items()} == sizes
+
+
+def test_the_report_says_what_the_other_engine_keeps(table: Path) -> None:
+    first, second = read_evaluations([table])
+    found = engine_table([first, second])
+    name = f"{POLICY.name} in pybullet"
+    # 54 of 60 Ns are 0.90; both low drops recover in both engines, and Wilson's interval of 2 of 2 begins at 0.34.
+    assert found.rows == [
+        [name, "pelvis push, forward", "60", "54", "0.90", "", "", "", ""],
+        [name, "low drop", "", "", "", "2/2", "0", "0", "0.34 to 1.00"],
+        [name, "every trial in both", "", "", "", "2/2", "0", "0", "0.34 to 1.00"],
+    ]
+    assert "less than" not in found.note
+    assert engine_table([second]).rows == engine_table([first]).rows == []
+
+
+def test_what_is_kept_at_a_threshold_is_told_from_the_same_trials(table: Path) -> None:
+    first, second = read_evaluations([table])
+    ours, theirs = threshold(60.0), threshold(42.0)
+    trials = [ours.line.trial(10, seed, full_length=True) for seed in range(4)]
+    outcomes = [an_outcome(recovered=good) for good in (True, True, False, False)]
+    others = [an_outcome(recovered=good) for good in (True, False, True, False)]
+    first = replace(first, thresholds=[ours], fixed={}, outcomes=dict(zip(trials, outcomes, strict=True)))
+    second = replace(second, thresholds=[theirs], outcomes=dict(zip(trials, others, strict=True)))
+    found = engine_table([first, second])
+    # Of four trials one recovers in both: the Wilson interval of 1 of 4 is 0.05 to 0.70.
+    counts = ["1/4", "1", "1", "0.05 to 0.70"]
+    assert [row[2:] for row in found.rows] == [["60", "42", "0.70", *counts], ["", "", "", *counts]]
+    assert found.note.endswith(f"Kept to less than 0.8: {POLICY.name} in pybullet, pelvis push, forward (0.70).")
 
 
 def test_rows_of_before_there_were_engines_count_as_mujocos() -> None:

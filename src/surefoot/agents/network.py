@@ -63,8 +63,12 @@ class NetworkAgent(ObservingAgent):
         self._check_sizes(source)
         self._input = self._session.get_inputs()[0].name
         self._nominal = np.array(contract.nominal_pose)
-        sizes = len(contract.observations), len(contract.joints)
-        self._memory = Memory(contract.past_observations, contract.past_actions, *sizes)
+        self._memory = self.new_memory()
+
+    def new_memory(self) -> Memory:
+        """A memory of what the network takes of the past, for a caller that asks for `actions`."""
+        sizes = len(self.contract.observations), len(self.contract.joints)
+        return Memory(self.contract.past_observations, self.contract.past_actions, *sizes)
 
     def prepare(self, num_robots: int) -> None:
         """Get ready for so many robots, and forget those of before."""
@@ -85,6 +89,11 @@ class NetworkAgent(ObservingAgent):
         found = [t.shape[1:] for t in self._session.get_inputs()], [t.shape[1:] for t in self._session.get_outputs()]
         if found != ([expected[0]], [expected[1]]):
             raise UserError(f"{source} maps {found[0]} to {found[1]} numbers, not {expected[0]} to {expected[1]}")
+
+    @property
+    def data(self) -> bytes:
+        """The file's bytes."""
+        return self._data
 
     @property
     def hidden(self) -> tuple[int, ...]:

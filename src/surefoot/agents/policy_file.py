@@ -1,18 +1,26 @@
-"""Policy files: one ONNX network whose metadata holds its contract."""
+"""Policy files: one ONNX network whose metadata holds its contract, and the contract's terms for strangers."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from surefoot.robots import load_robot
 from surefoot.task.contract import Contract
+from surefoot.task.terms import terms
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
 
 SUFFIX = ".onnx"
 METADATA_KEY = "surefoot"
 """Of a policy file's metadata, under which its contract stands."""
+TERMS_KEY = "surefoot_terms"
+"""Under which the contract's terms stand; files of before there were any have none."""
 
 
 def network_bytes(
@@ -52,7 +60,7 @@ def network_bytes(
         tensors,
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
+    _set_contract(model, contract)
     onnx.checker.check_model(model)
     return model.SerializeToString()
 
@@ -62,12 +70,36 @@ def with_record(data: bytes, **entries: Any) -> bytes:
     import onnx
 
     model = onnx.load_model_from_string(data)
-    (text,) = [pair.value for pair in model.metadata_props if pair.key == METADATA_KEY]
-    contract = Contract.from_json(text)
-    del model.metadata_props[:]
-    contract = dataclasses.replace(contract, training=contract.training | entries)
-    onnx.helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
+    contract = _contract_in(model)
+    _set_contract(model, dataclasses.replace(contract, training=contract.training | entries))
     return model.SerializeToString()
+
+
+def with_terms(data: bytes) -> bytes:
+    """A policy file with the terms of its contract as this version of surefoot writes them; its network is the same.
+
+    Raises:
+        UserError: the policy is for a robot that is not there.
+    """
+    import onnx
+
+    model = onnx.load_model_from_string(data)
+    _set_contract(model, _contract_in(model))
+    return model.SerializeToString()
+
+
+def _contract_in(model: ModelProto) -> Contract:
+    (text,) = [pair.value for pair in model.metadata_props if pair.key == METADATA_KEY]
+    return Contract.from_json(text)
+
+
+def _set_contract(model: ModelProto, contract: Contract) -> None:
+    """Write a contract and its terms into a model's metadata, in place of what stands there."""
+    import onnx
+
+    found = json.dumps(terms(load_robot(contract.robot), contract))
+    del model.metadata_props[:]
+    onnx.helper.set_model_props(model, {METADATA_KEY: contract.to_json(), TERMS_KEY: found})
 
 
 def mean_bytes(policies: Sequence[bytes], **entries: Any) -> bytes:

@@ -17,6 +17,7 @@ from surefoot.cli.bench import Bench
 from surefoot.cli.choices import described
 from surefoot.cli.demo import Demo
 from surefoot.cli.evaluate import Evaluate
+from surefoot.cli.export import Export
 from surefoot.cli.old_words import renewed
 from surefoot.cli.oracle import Oracle
 from surefoot.cli.play import Play
@@ -36,6 +37,7 @@ COMMANDS: dict[str, Any] = {
     "train": Train,
     "evaluate": Evaluate,
     "agent": AgentCommand,
+    "export": Export,
     "oracle": Oracle,
     "replay": Replay,
     "report": Report,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sqlite3
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 
 from surefoot.errors import UserError
@@ -98,6 +99,11 @@ class TrialStore:
         with using(path), reading(path):
             rows = db.execute(f"SELECT trial, {OUTCOME_COLUMNS} FROM trials WHERE {IS_KEY}", self._key)
             self._known = {trial_from_json(trial): outcome_of(outcome) for trial, *outcome in rows}
+
+    @property
+    def known(self) -> Mapping[Trial, Outcome]:
+        """All outcomes that are known, by trial."""
+        return self._known
 
     def get(self, trial: Trial) -> Outcome | None:
         """The outcome of a trial, if it is known."""

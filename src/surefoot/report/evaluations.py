@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +70,7 @@ class Evaluation:
         versions: of surefoot and the engine, with which the trials were run.
         wall_s: time of the evaluation [s].
         timing: of a controller, None of a policy.
+        outcomes: of every trial that was run.
     """
 
     name: str
@@ -84,6 +85,7 @@ class Evaluation:
     versions: str
     wall_s: float
     timing: Timing | None = None
+    outcomes: Mapping[Trial, Outcome] = field(default_factory=dict, repr=False)
 
     @property
     def robot(self) -> Robot:
@@ -159,6 +161,7 @@ def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Ev
         versions=", ".join(f"surefoot {version}, {key.setup.engine}" for version in results.versions(key)),
         wall_s=results.wall_s(key),
         timing=results.timing(key),
+        outcomes=store.known,
     )
 
 

@@ -10,6 +10,7 @@ from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.evaluation.suites import NOISE, ROBUSTNESS
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.report import paper
+from surefoot.report.engine_table import engine_table
 from surefoot.report.evaluations import Evaluation, has_several_robots, of_first_robot
 from surefoot.report.metrics import share_kept
 from surefoot.report.paper_tables import has_table_4, published_table, table_1, table_2, table_3, table_4, table_5
@@ -50,7 +51,7 @@ def side_by_side(evaluations: Sequence[Evaluation]) -> list[Table]:
     studied = {name: thresholds for name, thresholds in main.items() if has_table_4(name, thresholds)}
     found += [table_4(studied, evaluations[0].robot), published_table()]
     found.append(timing_table({e.name: e.timing for e in evaluations if e.timing}))
-    found += [share_kept_table(evaluations), quiet_side_by_side(evaluations)]
+    found += [engine_table(evaluations), share_kept_table(evaluations), quiet_side_by_side(evaluations)]
     return [table for table in found if table.rows]
 
 

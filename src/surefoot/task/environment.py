@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.physics.rotations import by_degree, horizontal
 from surefoot.rates import CONTROL_DT, CONTROL_HZ, POLICY_HZ
 from surefoot.robots import load_robot
@@ -68,6 +69,7 @@ class EnvConfig:
         disturbance: the pushes.
         extra_terms: reward terms of your own by their names, see `reward.Term`; they are added to the table, and
             rewarding ones count in the sum of the weights that the reward is divided by.
+        engine: name of the physics engine.
     """
 
     robot: str
@@ -95,6 +97,7 @@ class EnvConfig:
     action_noise: float = 0.0
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     extra_terms: Mapping[str, reward.Term] = field(default_factory=dict)
+    engine: str = DEFAULT_ENGINE
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> EnvConfig:
@@ -153,7 +156,8 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self.config = config
         self.num_envs = num_envs
         self.robot = load_robot(config.robot)
-        self.loop = ControlLoop(self.robot, num_envs, self.robot.pose(config.pose), config.action_scale, num_threads)
+        pose, engine = self.robot.pose(config.pose), config.engine
+        self.loop = ControlLoop(self.robot, num_envs, pose, config.action_scale, num_threads, engine=engine)
         num_observations = len(observation.component_names(self.robot))
         self.single_observation_space = gym.spaces.Box(-np.inf, np.inf, (num_observations,), np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (self.robot.num_joints,), np.float32)

@@ -1,0 +1,79 @@
+"""Engine table: what of a policy's thresholds, and of its recovered trials, another engine keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.threshold_search import Threshold, wilson_interval
+from surefoot.evaluation.trials import Trial
+from surefoot.physics.engines import DEFAULT_ENGINE
+from surefoot.report.evaluations import Evaluation
+from surefoot.report.table import Table
+from surefoot.report.thresholds import by_scenario, scenario_words
+
+LOW = 0.8
+"""A threshold of which another engine keeps a smaller share is named below the table."""
+
+_NOTE = (
+    "Kept: the threshold in the other engine over that in MuJoCo. Both: of the same trials in both engines, those that"
+    " recover in both, with their Wilson 95 % interval; at a threshold the full-length trials at MuJoCo's."
+)
+
+
+def engine_table(evaluations: Sequence[Evaluation]) -> Table:
+    """A row for each threshold and fixed scenario that was measured in MuJoCo and in another engine."""
+    rows, low = [], []
+    for first, second in _pairs(evaluations):
+        for ours, theirs in _thresholds(first, second):
+            kept = f"{theirs.size / ours.size:.2f}" if ours.size else ""
+            words = f"{scenario_words(ours.line.scenario.name, first.robot)}, {ours.line.name}"
+            at = _full_length(ours, first)
+            rows.append([second.name, words, f"{ours.size:g}", f"{theirs.size:g}", kept, *_both(at, second)])
+            if theirs.size < LOW * ours.size:
+                low.append(f"{second.name}, {words} ({kept})")
+        for name in first.fixed.keys() & second.fixed.keys():
+            words = scenario_words(name, first.robot)
+            rows.append([second.name, words, "", "", "", *_both(first.fixed[name], second)])
+        rows.append([second.name, "every trial in both", "", "", "", *_both(first.outcomes, second)])
+    below = f" Kept to less than {LOW:g}: {'; '.join(low)}." if low else ""
+    columns = ["policy", "scenario", "MuJoCo", "other", "kept", "both", "MuJoCo only", "other only", "Wilson 95 %"]
+    return Table("In another engine", columns, rows, _NOTE + below)
+
+
+def _pairs(evaluations: Sequence[Evaluation]) -> Iterator[tuple[Evaluation, Evaluation]]:
+    """Evaluations of the same agent and robot in the default engine and in another one."""
+    for second in evaluations:
+        if second.key.setup.engine_word == DEFAULT_ENGINE:
+            continue
+        for first in evaluations:
+            one, other = first.key.setup, second.key.setup
+            same = first.key.agent == second.key.agent and one.robot_fingerprint == other.robot_fingerprint
+            if same and one.protocol == other.protocol and one.engine_word == DEFAULT_ENGINE:
+                yield first, second
+
+
+def _thresholds(first: Evaluation, second: Evaluation) -> Iterator[tuple[Threshold, Threshold]]:
+    others = by_scenario(second.thresholds)
+    for ours in first.thresholds:
+        theirs = others.get(ours.line.scenario.name, {}).get(ours.line.name)
+        if theirs:
+            yield ours, theirs
+
+
+def _full_length(threshold: Threshold, evaluation: Evaluation) -> dict[Trial, Outcome]:
+    """The full-length trials at a threshold, by trial."""
+    cell = round(threshold.size / threshold.line.grid)
+    trials = [threshold.line.trial(cell, seed, full_length=True) for seed in range(threshold.trials)]
+    return {trial: evaluation.outcomes[trial] for trial in trials if trial in evaluation.outcomes}
+
+
+def _both(outcomes: Mapping[Trial, Outcome], other: Evaluation) -> list[str]:
+    """How many of some trials recovered in both engines and in one only, of those that ran in both."""
+    pairs = [(o.recovered, other.outcomes[trial].recovered) for trial, o in outcomes.items() if trial in other.outcomes]
+    if not pairs:
+        return ["", "", "", ""]
+    both = pairs.count((True, True))
+    low, high = wilson_interval(both, len(pairs))
+    only = (str(pairs.count((True, False))), str(pairs.count((False, True))))
+    return [f"{both}/{len(pairs)}", *only, f"{low:.2f} to {high:.2f}"]
