@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install docs check test test-fast fuzz kill soak demo quick-demo bench results results-tables results-controllers screenshots clean
+.PHONY: help install docs check test test-fast fuzz kill soak demo quick-demo bench results results-tables results-controllers results-ring screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
@@ -87,6 +87,17 @@ results-controllers: $(READY)
 	    $(BIN)/surefoot evaluate controllers/$$c --suite paper --results runs/controllers.sqlite \
 	        --json runs/controllers-$$c.json \
 	        --export-thresholds results/controllers.csv || exit 1; done
+
+# The table that sets robots and policies side by side, hours on two cores; interrupted, it goes on where it was. The
+# foreign policies need `pip install --no-deps holosoma-inference==0.1.3`.
+RING := runs/ring.sqlite
+RUN_RING := $(BIN)/surefoot evaluate --suite ring --results $(RING)
+results-ring: $(READY)
+	for r in g1 h1; do $(RUN_RING) nominal --robot $$r || exit 1; done
+	$(RUN_RING) results/g1/g1-ddpg.onnx
+	for c in FastSAC PPO; do $(RUN_RING) examples/holosoma.py:$$c --robot g1_arms --directions 8 || exit 1; done
+	$(RUN_RING) ppo --export-thresholds results/ring.csv
+	$(BIN)/surefoot report $(RING) --no-trials --out runs/ring.html --markdown runs/ring.md
 
 # What docs/play.md and the README show of the live page; needs chromium.
 screenshots: $(READY)

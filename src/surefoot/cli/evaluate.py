@@ -33,7 +33,7 @@ class Evaluate:
     (docs/your-controller.md)."""
     suite: str = "push"
     """push (pushes at the floating body, the robot's root), paper (everything that the paper tests), robustness
-    (beyond the paper), or a scenario file (.toml, docs/scenarios.md)."""
+    (beyond the paper), ring (for any robot and anybody's policy), or a scenario file (.toml, docs/scenarios.md)."""
     directions: int | None = None
     """Number of directions of the pushes at the root, evenly spaced: 4 without it. In the suite ring, of all pushes: 16
     without it."""
