@@ -28,6 +28,7 @@ class Export:
         from surefoot.agents.load import load_policy
         from surefoot.agents.policy_file import with_terms
         from surefoot.evaluation.golden_vectors import golden_vectors
+        from surefoot.whole_file import write_whole
 
         for name, file, suffix in (("onnx", self.onnx, ".onnx"), ("vectors", self.vectors, ".csv")):
             if file and file.suffix != suffix:
@@ -36,10 +37,7 @@ class Export:
             raise UserError("nothing to export; name a file by --onnx or --vectors")
         policy = load_policy(self.policy)
         if self.onnx:
-            try:
-                self.onnx.write_bytes(with_terms(policy.data))
-            except OSError as error:
-                raise UserError(f"cannot write {self.onnx}: {error.strerror}") from error
+            write_whole(self.onnx, with_terms(policy.data))
             say(f"policy: {self.onnx}")
         if self.vectors:
             with working(f"running {policy.name}"):

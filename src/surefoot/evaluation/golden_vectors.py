@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +11,6 @@ import numpy as np
 from scipy.signal import butter, lfilter
 
 from surefoot.agents.network import NetworkAgent
-from surefoot.errors import UserError
 from surefoot.physics.pushes import horizontal_push
 from surefoot.physics.signals import CUTOFF_HZ
 from surefoot.physics.step_record import StepRecord
@@ -18,6 +18,7 @@ from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 from surefoot.robots import Robot
 from surefoot.task import observation
 from surefoot.task.control_loop import ControlLoop
+from surefoot.whole_file import write_whole
 
 NUM_STEPS = 25
 """Policy steps of the run: one second."""
@@ -53,13 +54,11 @@ class GoldenVectors:
         Raises:
             UserError: the file cannot be written.
         """
-        try:
-            with Path(path).open("w", newline="") as stream:
-                writer = csv.writer(stream, lineterminator="\n")
-                writer.writerow(self.columns)
-                writer.writerows([[repr(value) for value in row] for row in self.rows.tolist()])
-        except OSError as error:
-            raise UserError(f"cannot write {path}: {error.strerror}") from error
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows([[repr(value) for value in row] for row in self.rows.tolist()])
+        write_whole(Path(path), text.getvalue().encode())
 
 
 def golden_vectors(policy: NetworkAgent) -> GoldenVectors:
