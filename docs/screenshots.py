@@ -16,33 +16,40 @@ from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource
 
 PICTURES = Path(__file__).parent / "pictures"
-SIZE = {"width": 1440, "height": 900}
+SIZES = {"": (1440, 900), "-1280": (1280, 720), "-phone": (390, 844)}
+"""What is added to a picture's name, and the size of the window [pixels]."""
 DRAWN_S = 8.0
-"""Time for a browser without a graphics card to draw what stands still."""
+"""Time for a browser without a graphics card to draw what stands still; on a busy machine give a longer one."""
+PATIENCE_MS = 180_000
 
 
 def main() -> None:
-    """One robot just pushed, and a crowd that has been."""
+    """One robot just pushed, in windows of three sizes, and a crowd that has been."""
+    drawn_s = float(sys.argv[1]) if len(sys.argv) > 1 else DRAWN_S
     try:
         with browser.launched() as chromium:
-            take(chromium, 1, pushed_forward, PICTURES / "play.png")
-            take(chromium, 16, pushed_left, PICTURES / "play-crowd.png")
+            for name, size in SIZES.items():
+                take(chromium, 1, pushed_forward, PICTURES / f"play{name}.png", size, drawn_s)
+            take(chromium, 16, pushed_left, PICTURES / "play-crowd.png", SIZES[""], drawn_s)
     except UserError as error:
         sys.exit(f"screenshots: {error}")
 
 
-def take(chromium: Any, num_robots: int, act: Callable[[Page], None], path: Path) -> None:
-    """A screenshot of the page after `act`."""
+def take(
+    chromium: Any, num_robots: int, act: Callable[[Page], None], path: Path, size: tuple[int, int], drawn_s: float
+) -> None:
+    """A screenshot of the page after `act`, in a window of a size [pixels]."""
     page = Page(PolicySource("best"), num_robots, port=0)
-    tab = chromium.new_page(viewport=SIZE)
+    tab = chromium.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
+    tab.set_default_timeout(PATIENCE_MS)
     try:
         tab.goto(page.address)
-        tab.get_by_role("button", name="Reset").wait_for()
-        time.sleep(DRAWN_S)
+        tab.get_by_role("button", name="Push", exact=True).wait_for()
+        time.sleep(drawn_s)
         # Away with the note that there is no graphics card.
         tab.evaluate("document.querySelectorAll('.mantine-Notification-closeButton').forEach(button => button.click())")
         act(page)
-        time.sleep(DRAWN_S)
+        time.sleep(drawn_s)
         tab.screenshot(path=path)
     finally:
         tab.close()

@@ -217,8 +217,8 @@ def test_a_size_beyond_the_buffer_is_refused(robot):
 
 def test_a_strip_shows_a_fall_once_and_then_nothing(needs_opengl, fall, stay):
     strip = filmstrip([fall, stay], times=[0.1, 3.0, 4.0], cell=(120, 150))
-    assert strip.shape == (2 * 154 + 44, 210 + 3 * 124, 3)
-    cells = [[strip[r * 154 : r * 154 + 150, 210 + c * 124 : 330 + c * 124] for c in range(3)] for r in range(2)]
+    assert strip.shape == (2 * 154 + 48, 260 + 3 * 124, 3)
+    cells = [[strip[r * 154 : r * 154 + 150, 260 + c * 124 : 380 + c * 124] for c in range(3)] for r in range(2)]
     is_blank = [[bool((cell == 255).all()) for cell in row] for row in cells]
     # The fall ends before 3 s; the other trial ends as recovered after 2 s of quiet.
     assert is_blank == [[False, False, True], [False, False, True]]
@@ -316,3 +316,12 @@ def test_without_any_opengl_the_error_says_what_to_install(fresh_choice, monkeyp
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(UserError, match=r"no OpenGL to draw with \(egl, osmesa, glfw\); try: apt install libegl1"):
         Renderer(robot, 64, 48)
+
+
+def test_a_strip_shows_a_push_only_while_it_acts(needs_opengl, stay):
+    """The push lasts from 0 to 0.12 s; its arrow is orange."""
+    strip = filmstrip([stay], times=[0.06, 0.2], cell=(200, 240))
+    acting, after = strip[:240, 260:460], strip[:240, 464:664]
+    arrow = [len(orange(picture)) for picture in (acting, after)]
+    assert arrow[0] > 40
+    assert arrow[1] == 0

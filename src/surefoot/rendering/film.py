@@ -15,19 +15,26 @@ from surefoot.rendering.image_files import write_film
 from surefoot.rendering.lettering import INK, draw_legend, verdict_ink, write_label
 from surefoot.rendering.moment import Moment
 from surefoot.rendering.recording import Recording
-from surefoot.rendering.renderer import Renderer
+from surefoot.rendering.renderer import AFTERGLOW, Renderer
 from surefoot.rendering.words import trial_words
 
 _HOLD = 0.8
 """A film rests on its last picture for this time [s]."""
 
 
-def draw_moment(scene: Renderer, trial: Trial, moment: Moment) -> np.ndarray:
-    """A picture of a trial's moment with the push that began last, uint8 (height, width, 3)."""
+def draw_moment(scene: Renderer, trial: Trial, moment: Moment, afterglow: float = AFTERGLOW) -> np.ndarray:
+    """A picture of a trial's moment with the push that began last, uint8 (height, width, 3).
+
+    Args:
+        scene: draws it.
+        trial: whose moment it is.
+        moment: what is shown.
+        afterglow: as for `Renderer.draw`; 0 for a push that is drawn only while it acts.
+    """
     first = min(push.start for push in trial.pushes)
     begun = [push for push in trial.pushes if push.start - first <= moment.time]
     push = max(begun or [trial.push], key=lambda push: push.start)
-    return scene.draw(dataclasses.replace(moment, time=moment.time - (push.start - first)), push)
+    return scene.draw(dataclasses.replace(moment, time=moment.time - (push.start - first)), push, afterglow)
 
 
 def frames(

@@ -30,8 +30,8 @@ _BODY_RADIUS = 0.13
 """A push's arrow ends so far from the CoM of the pushed body."""
 _LEAST_FORCE = 0.001
 """Foot forces below this share of the robot's weight are not drawn."""
-_AFTERGLOW = 0.3
-"""A push stays in the picture for this time after its end [s]."""
+AFTERGLOW = 0.3
+"""A push stays in a film for this time after its end [s]: at 25 pictures a second it acts in three of them only."""
 _NEARER = 0.5
 """Marks inside the robot are drawn at this share of their distance from the eye, so that nothing hides them."""
 
@@ -82,13 +82,14 @@ class Renderer:
         self._canvas = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._canvas)
 
-    def draw(self, moment: Moment, push: Push | None = None) -> np.ndarray:
+    def draw(self, moment: Moment, push: Push | None = None, afterglow: float = AFTERGLOW) -> np.ndarray:
         """A picture, uint8 (height, width, 3).
 
         Args:
             moment: what is shown.
-            push: what the robot is pushed by from time 0 on; drawn until a little after its end. Its direction
-                chooses the view: from the side unless it is mostly lateral.
+            push: what the robot is pushed by from time 0 on. Its direction chooses the view: from the side unless it
+                is mostly lateral.
+            afterglow: how long the push stays in the picture after its end, paler [s].
         """
         self._data.qpos = moment.qpos
         mujoco.mj_forward(self._model, self._data)
@@ -104,7 +105,7 @@ class Renderer:
         )
         self._mark_ground(moment)
         self._mark_robot(moment)
-        if push is not None and push.impulse and 0.0 <= moment.time < push.duration + _AFTERGLOW:
+        if push is not None and push.impulse and 0.0 <= moment.time < push.duration + afterglow:
             self._mark_push(push, _PUSH if moment.time < push.duration else _PUSH_PAST)
         return self._render()
 

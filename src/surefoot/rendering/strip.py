@@ -19,6 +19,9 @@ from surefoot.rendering.words import trial_words
 STRIP_TIMES = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
 """When the pictures of a strip are taken, since the beginning of the push [s]."""
 
+LEAST_LETTERS = 18
+"""Size of the smallest letters of a strip [pixels]: 12 where the report shows it at two thirds of its width."""
+
 
 def filmstrip(
     recordings: Sequence[Recording], times: Sequence[float] = STRIP_TIMES, cell: tuple[int, int] = (260, 320)
@@ -37,7 +40,7 @@ def filmstrip(
     """
     if not len(recordings) or not len(times):
         raise UserError(f"a strip needs recordings and times, not {len(recordings)} and {len(times)} of them")
-    margin, gap, footer = 210, 4, 44
+    margin, gap, footer = 260, 4, 48
     width = margin + len(times) * (cell[0] + gap)
     strip = Image.new("RGB", (width, len(recordings) * (cell[1] + gap) + footer), "white")
     for row, recording in enumerate(recordings):
@@ -45,7 +48,7 @@ def filmstrip(
         _write_caption(strip, top, recording)
         for column, picture in enumerate(_strip_pictures(recording, sorted(times), cell)):
             strip.paste(picture, (margin + column * (cell[0] + gap), top))
-    draw_legend(strip, (margin, strip.height - footer // 2), 16, INK, "white")
+    draw_legend(strip, (margin, strip.height - footer // 2), LEAST_LETTERS, INK, "white")
     return np.array(strip)
 
 
@@ -54,9 +57,9 @@ def _strip_pictures(recording: Recording, times: Sequence[float], size: tuple[in
     with Renderer(recording.robot, *size, recording.trial.domain) as scene:
         for time in times:
             is_over = time > last + 1e-9
-            picture = Image.fromarray(draw_moment(scene, recording.trial, recording.at(time)))
+            picture = Image.fromarray(draw_moment(scene, recording.trial, recording.at(time), afterglow=0.0))
             words = f"{outcome.reason}, {outcome.seconds:.2f} s" if is_over else f"{time:g} s"
-            write_label(picture, (8, 8), words, 17, verdict_ink(recording.outcome) if is_over else INK)
+            write_label(picture, (8, 8), words, 20, verdict_ink(recording.outcome) if is_over else INK)
             yield picture
             if is_over:
                 return
@@ -66,9 +69,9 @@ def _write_caption(strip: Image.Image, top: float, recording: Recording) -> None
     draw, y = ImageDraw.Draw(strip), top + 16
     stayed = recording.outcome.is_without_step(protocol_for(recording.robot).step_length)
     verdict = [recording.outcome.reason] + ["without a step"] * stayed
-    lines = [(text, 21, INK) for text in textwrap.wrap(trial_words(recording.trial), 14)]
-    lines += [(text, 18, verdict_ink(recording.outcome)) for text in verdict]
-    lines += [(text, 14, GREY) for text in textwrap.wrap(recording.policy, 20)]
+    lines = [(text, 24, INK) for text in textwrap.wrap(trial_words(recording.trial), 14)]
+    lines += [(text, 20, verdict_ink(recording.outcome)) for text in verdict]
+    lines += [(text, LEAST_LETTERS, GREY) for text in textwrap.wrap(recording.policy, 18)]
     for text, size, ink in lines:
         draw.text((14, y), text, fill=ink, font=font_of(size))
         y += 1.45 * size

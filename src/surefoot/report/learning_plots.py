@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import EngFormatter, PercentFormatter
+from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter, PercentFormatter
 
 from surefoot.errors import UserError
 from surefoot.report.plot_style import color_of, counted, drawing
@@ -39,7 +39,9 @@ def learning_curves(curves: Mapping[str, Sequence[Sequence[Mapping[str, float]]]
         )
         by_time.yaxis.set_major_formatter(PercentFormatter(1.0))
         by_steps.set(xlabel="policy steps", xscale="log")
+        by_steps.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         by_steps.xaxis.set_major_formatter(EngFormatter(sep=""))
+        by_steps.xaxis.set_minor_formatter(NullFormatter())
         lines = [
             Line2D([], [], color=color_of(name, list(runs)), lw=3, label=f"{name} ({counted(len(several), 'seed')})")
             for name, several in runs.items()

@@ -24,6 +24,8 @@ from surefoot.version import __version__
 
 MAX_SECTIONS = 4
 """With more policies than this, only the best of each algorithm has a section of its own."""
+MOST_SECTIONS = 6
+"""And no more than these, so that the page stays below 5 MB: a section with its film strip has about 0.6 MB."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ def _with_section(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
     best: dict[str, Evaluation] = {}
     for e in evaluations:  # the best come first
         best.setdefault(e.algorithm, e)
-    return list(best.values())
+    return list(best.values())[:MOST_SECTIONS]
 
 
 def _policy_of(e: Evaluation, policies: Sequence[str | Path]) -> Agent:

@@ -149,9 +149,9 @@ def legend_html() -> str:
         (FORCE, "foot force"),
         (COM, "CoM"),
         (PRESSURE, "centre of pressure"),
-        (CAPTURED, "capture point, captured"),
+        (CAPTURED, "capture point, inside"),
         (SUPPORT, "support polygon"),
-        (ESCAPED, "capture point, beyond"),
+        (ESCAPED, "capture point, outside"),
     )
     return render("legend", marks=marks)
 
@@ -206,7 +206,7 @@ def _axis() -> uplot.Axis:
     faint = "rgba(120,130,150,.16)"
     return uplot.Axis(
         stroke="#7b8796",
-        size=34,
+        size=40,
         space=18,
         font="10px system-ui",
         grid={"stroke": faint},
