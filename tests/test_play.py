@@ -254,6 +254,21 @@ def test_a_crowd_gets_one_push_and_is_counted(tab, page):
     assert until(lambda: page.player.session.num_robots == 1)
 
 
+def test_on_a_phone_the_scene_stands_above_the_panel_and_the_push_button_is_seen(chromium, page):
+    context = chromium.new_context(viewport={"width": 390, "height": 844})
+    tab = context.new_page()
+    tab.goto(page.address)
+    button = tab.get_by_role("button", name="Push", exact=True)
+    button.wait_for()
+    places = "[...document.querySelectorAll('canvas')].map(canvas => canvas.getBoundingClientRect().bottom)"
+    panel = tab.locator("[style*='max-height: 60%']").first
+    assert until(lambda: panel.bounding_box()["width"] == 390)
+    assert until(lambda: max(tab.evaluate(places)) <= panel.bounding_box()["y"] + 1)
+    seen = button.bounding_box()
+    assert seen["y"] + seen["height"] <= 844
+    context.close()
+
+
 # Without a browser.
 
 
