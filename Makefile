@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install docs check test test-fast fuzz kill soak demo quick-demo bench results results-tables results-controllers results-ring screenshots clean
+.PHONY: help install docs check test test-fast fuzz kill soak demo quick-demo bench results results-tables results-controllers results-engines results-ring screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
@@ -98,6 +98,12 @@ results-ring: $(READY)
 	for c in FastSAC PPO; do $(RUN_RING) examples/holosoma.py:$$c --robot g1_arms --directions 8 || exit 1; done
 	$(RUN_RING) ppo --export-thresholds results/ring.csv
 	$(BIN)/surefoot report $(RING) --no-trials --out runs/ring.html --markdown runs/ring.md
+
+# What PyBullet keeps of the shipped policies' thresholds at the root.
+results-engines: $(READY)
+	for p in $(ALGORITHMS); do for e in mujoco pybullet; do \
+	    $(BIN)/surefoot evaluate $$p --engine $$e --results runs/engines.sqlite || exit 1; done; done
+	$(BIN)/surefoot report runs/engines.sqlite --out runs/engines.html --markdown runs/engines.md
 
 # What docs/play.md and the README show of the live page; needs chromium.
 screenshots: $(READY)

@@ -21,7 +21,7 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "src"))
 PAGES = ["CONTRIBUTING.md", "CHANGELOG.md", "results/README.md", "results/ablations/README.md"]
-PAGES += ["results/least-motion/README.md"]
+PAGES += ["results/least-motion/README.md", "results/engines/README.md"]
 LINKED = [
     *ROOT.glob("results/*.csv"),
     *ROOT.glob("results/*.json"),

@@ -32,7 +32,7 @@ def engine_table(evaluations: Sequence[Evaluation]) -> Table:
             rows.append([second.name, words, f"{ours.size:g}", f"{theirs.size:g}", kept, *_both(at, second)])
             if theirs.size < LOW * ours.size:
                 low.append(f"{second.name}, {words} ({kept})")
-        for name in first.fixed.keys() & second.fixed.keys():
+        for name in (name for name in first.fixed if name in second.fixed):
             words = scenario_words(name, first.robot)
             rows.append([second.name, words, "", "", "", *_both(first.fixed[name], second)])
         rows.append([second.name, "every trial in both", "", "", "", *_both(first.outcomes, second)])
