@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install docs check test test-fast fuzz kill soak demo quick-demo bench results results-tables results-controllers results-engines results-ring screenshots clean
+.PHONY: help install docs check test test-fast fuzz kill soak demo quick-demo bench results results-tables results-controllers results-engines results-ring results-holosoma screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
@@ -104,6 +104,12 @@ results-engines: $(READY)
 	for p in $(ALGORITHMS); do for e in mujoco pybullet; do \
 	    $(BIN)/surefoot evaluate $$p --engine $$e --results runs/engines.sqlite || exit 1; done; done
 	$(BIN)/surefoot report runs/engines.sqlite --out runs/engines.html --markdown runs/engines.md
+
+# What docs/foreign-policies.md says of friction; needs `pip install --no-deps holosoma-inference==0.1.3`.
+results-holosoma: $(READY)
+	for c in FastSAC PPO; do \
+	    $(BIN)/surefoot evaluate examples/holosoma.py:$$c --robot g1_arms --results runs/holosoma.sqlite \
+	        --suite results/holosoma/`echo $$c | tr A-Z a-z`.toml --export results/holosoma/trials.parquet || exit 1; done
 
 # What docs/play.md and the README show of the live page; needs chromium.
 screenshots: $(READY)
