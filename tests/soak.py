@@ -7,6 +7,7 @@ messages as browsers send them; each of them stays for a minute or so and is the
 from __future__ import annotations
 
 import argparse
+import logging
 import multiprocessing
 import os
 import random
@@ -21,8 +22,6 @@ from page_client import CAMERA, PageClient
 from test_guard import free_port
 
 BUTTONS = ("Push", "Reset", "Lift and push")
-STAY_S = 60.0
-"""A viewer stays for half of this to one and a half of it."""
 GROWTH_LIMIT = 0.1
 """Share by which the page's memory may grow from the first quarter of the time to the last one."""
 
@@ -31,14 +30,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--minutes", type=float, default=120.0)
     parser.add_argument("--viewers", type=int, default=50)
+    parser.add_argument("--stay", type=float, default=60.0, help="mean time that a viewer stays [s]")
     parser.add_argument("--rows", type=int, default=12, help="rows of the table")
     told = parser.parse_args()
+    logging.disable()  # of what websockets says of a connection that ends
     here, there = multiprocessing.Pipe()
     page = multiprocessing.get_context("spawn").Process(target=serve, args=(there,), daemon=True)
     page.start()
     address, end = here.recv(), time.monotonic() + 60.0 * told.minutes
     counts = Counts()
-    viewers = [threading.Thread(target=watch, args=(address, i, end, counts), daemon=True) for i in range(told.viewers)]
+    viewers = [
+        threading.Thread(target=watch, args=(address, i, end, told.stay, counts), daemon=True)
+        for i in range(told.viewers)
+    ]
     for viewer in viewers:
         viewer.start()
     rows = measure(here, page.pid or 0, end, told.rows, counts)
@@ -73,14 +77,14 @@ def serve(there: Connection) -> None:
     page.close()
 
 
-def watch(address: str, number: int, end: float, counts: Counts) -> None:
-    """One place of a viewer, taken by one after the other."""
+def watch(address: str, number: int, end: float, stay: float, counts: Counts) -> None:
+    """One place of a viewer, taken by one after the other, each for half to one and a half of a time [s]."""
     rng = random.Random(number)
     while time.monotonic() < end:
         try:
             with PageClient(address) as viewer:
                 counts.visits += 1
-                leaves = min(end, time.monotonic() + STAY_S * rng.uniform(0.5, 1.5))
+                leaves = min(end, time.monotonic() + stay * rng.uniform(0.5, 1.5))
                 while time.monotonic() < leaves:
                     if len(viewer.controls) < 10:
                         viewer.listen(1.0)
