@@ -80,8 +80,9 @@ def test_the_folder_of_a_run_names_the_algorithm_unless_every_stage_has_its_own(
 
 @pytest.mark.parametrize("file", [*SHIPPED.glob("*.toml"), *SHIPPED.glob("*/*.toml")], ids=lambda file: file.stem)
 def test_every_value_of_a_preset_is_written_out(file: Traversable) -> None:
-    # A table cannot hold None: only what is None may be missing, and what the algorithm has no use for.
-    told_by_python = {"algorithm", "preset", "seed", "extra_terms"}
+    # A table cannot hold None: only what is None may be missing, and what the algorithm has no use for. The engine is
+    # no matter of the task.
+    told_by_python = {"algorithm", "preset", "seed", "extra_terms", "engine"}
     of_ddpg, of_others = {"noise", "noise_correlation"}, {"log_std"}
     tables = tomllib.loads(file.read_text())
     assert list(tables) == [algorithm for algorithm in (*ALGORITHMS, DAGGER) if algorithm in tables]

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from surefoot.checks import check_number, parse_json_table, shortened
 from surefoot.errors import UserError
 from surefoot.learning.config_check import check_config, check_hyper
+from surefoot.physics.engines import DEFAULT_ENGINE, engine_kind
 from surefoot.task.environment import EnvConfig, as_tuples
 from surefoot.task.random_pushes import DisturbanceConfig
 from surefoot.task.reward import Term
@@ -100,13 +101,14 @@ class TrainConfig:
 
         Raises:
             TypeError, KeyError: the table has an unknown key, or lacks one.
-            UserError: a value has another type, or is out of its range.
+            UserError: a value has another type, or is out of its range, or there is no such algorithm or engine.
         """
         check_config(cls, values, "the run")
         check_config(EnvConfig, values["env"], "env")
         check_config(DisturbanceConfig, values["env"].get("disturbance", {}), "env.disturbance")
         if values["algorithm"] not in LEARNERS:
             raise UserError(f"unknown algorithm '{shortened(values['algorithm'])}'; valid: {', '.join(LEARNERS)}")
+        engine_kind(values["env"].get("engine", DEFAULT_ENGINE))
         config = cls(**as_tuples({**values, "env": None}) | {"env": EnvConfig.from_values(values["env"])})
         if config.algorithm != DAGGER:
             check_hyper(config.hyper, "hyper")
