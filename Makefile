@@ -71,7 +71,7 @@ results: $(READY)
 	$(MAKE) results-tables
 
 results-tables: $(READY)
-	for p in nominal $(ALGORITHMS); do \
+	for p in nominal best $(ALGORITHMS); do \
 	    $(BIN)/surefoot evaluate $$p --suite paper --directions 16 --results runs/results.sqlite \
 	        --json results/evaluate-$$p.json \
 	        --export-thresholds results/thresholds.csv || exit 1; done
@@ -114,7 +114,7 @@ results-holosoma: $(READY)
 # What docs/play.md and the README show of the live page; needs chromium.
 screenshots: $(READY)
 	$(BIN)/python docs/screenshots.py
-	$(BIN)/surefoot video best --out docs/pictures/push.gif --impulse 300 --begin -0.3 --end 2.6 --size 480 360 --fps 12.5
+	$(BIN)/surefoot video ddpg --out docs/pictures/push.gif --impulse 300 --begin -0.3 --end 2.6 --size 480 360 --fps 12.5
 
 # 100,000 damaged files of every format, an hour at most.
 fuzz: $(READY)

@@ -6,6 +6,7 @@ strong:   share of pushes that are recovered, and within the joints' speed limit
           the largest impulse below which nothing failed
 noise:    whole trials that recover without noise, with 0.5 on the observation, and with 0.1 rad on the targets
 quiet:    unpushed and after 30, 102 and 150 Ns: drift, power and steps from 5 s after the push on
+border:   60 to 138 Ns within 22.5 degrees of forward and backward, where two teachers' labels meet
 table2:   steps, tilted feet and recoveries at 72 Ns forward and backward and at 78 Ns to both sides
 
 Seeds count from 2,000,000, which no training uses. One thread.
@@ -103,6 +104,15 @@ def quiet(policy, num):
             if (values := [getattr(outcome, name) for outcome in ok])
         }
         print(f"  {6 * cell} Ns: recovered {len(ok)} of {len(found)}; median, largest: {told}")
+
+
+def border(policy, num):
+    """Print what fails just beyond what is answered without a step."""
+    lines = push_lines(16)
+    keys = [(i, cell, k) for i in (15, 0, 1, 7, 8, 9) for cell in range(10, 24, 2) for k in range(num)]
+    found = outcomes_of(policy, [lines[i].trial(cell, SEED + k, False) for i, cell, k in keys])
+    failed = [(lines[i].name, 6 * cell) for (i, cell, _), o in zip(keys, found, strict=True) if not o.recovered]
+    print(f"  border: {len(failed)} of {len(found)} fail", failed)
 
 
 def table2(policy, num):

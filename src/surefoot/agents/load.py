@@ -19,8 +19,6 @@ from surefoot.task.agent import Agent
 
 NOMINAL = "nominal"
 """The name of the agent that holds the robot's default pose."""
-BEST = {"best": "ddpg"}
-"""The shipped policy that rejects most has this name too."""
 
 
 def load_agent(name: str, robot: Robot | None = None) -> Agent:
@@ -69,7 +67,7 @@ def load_policy(name: str | Path) -> NetworkAgent:
     """Read a policy that comes with the package, a policy file, or the best policy of a run folder.
 
     Args:
-        name: "best" (the shipped policy that rejects most), another shipped policy's name, the path of a policy file
+        name: a shipped policy's ("best", "ddpg", "ppo" or "trpo"), the path of a policy file
             (.onnx), or of a run folder.
 
     Returns:
@@ -79,7 +77,6 @@ def load_policy(name: str | Path) -> NetworkAgent:
     Raises:
         UserError: there is no such policy, or it is not one that this version can run.
     """
-    name = BEST.get(str(name), name)
     if str(name) in shipped_policies():
         file = importlib.resources.files("surefoot.agents") / "shipped" / f"{name}{SUFFIX}"
         return NetworkAgent(file.read_bytes(), str(name))

@@ -38,6 +38,9 @@ STEPPED_SHIFT = 0.06
 SLOW_S, SLOW_SPEED = 1.0, 0.3
 """This long after the beginning of its push [s], a robot whose CoM is slower than this [m/s] listens to the second
 teacher at most: how it stands must not depend on how it came to stand."""
+FAR = 0.08
+"""A capture point that would be so much farther than a border at the next policy step, if it went on as it goes, is
+beyond it now [m], for a robot with legs as long as the paper's: one step more of the wrong teacher costs recoveries."""
 LANDED_S = 1.5
 """A dropped robot listens to the last teacher until then [s]."""
 
@@ -102,12 +105,15 @@ class Teachers:
         self._columns = {name: names.index(f"{name}.x") for name in vectors}
         self._home = np.zeros(3)
         self._home_capture_point = np.zeros(2)
+        self._last_capture_point = np.zeros(env.num_envs, complex)
 
     def begin(self, observations: np.ndarray) -> None:
         """All robots begin an episode with these observations (N, num_observations)."""
         self.level[:] = 0
         self._home = self._feet(observations).mean(axis=0)
-        self._home_capture_point = np.median(capture_points.from_feet(self.env.robot, observations), axis=0)
+        capture_point = capture_points.from_feet(self.env.robot, observations)
+        self._home_capture_point = np.median(capture_point, axis=0)
+        self._last_capture_point = horizontal(capture_point - self._home_capture_point)
 
     def update(self, observations: np.ndarray, ended: np.ndarray) -> None:
         """Tell to whom each robot listens after a policy step.
@@ -130,9 +136,7 @@ class Teachers:
         body, impulse = env.felt_push()
         degrees = np.degrees(np.angle(impulse)).astype(np.int64) % 360
         np.maximum(level, (np.abs(impulse) > self._limits[:, body, degrees]).sum(axis=0), out=level)
-        shifted = horizontal(capture_points.from_feet(self.env.robot, observations) - self._home_capture_point)
-        degrees = np.degrees(np.angle(shifted)).astype(np.int64) % 360
-        np.maximum(level, (np.abs(shifted) > self._reach[:, degrees]).sum(axis=0), out=level)
+        np.maximum(level, self._out_of_reach(observations, ended), out=level)
         level[env.was_dropped & (env.loop.tick < LANDED_S * CONTROL_HZ)] = len(self.teachers) - 1
 
     def labels(self, observations: np.ndarray, actions: np.ndarray, either: float) -> tuple[np.ndarray, np.ndarray]:
@@ -165,6 +169,18 @@ class Teachers:
             return np.zeros((0, self.env.robot.num_joints))
         target = self.teachers[teacher].policy(observations[rows], rows).joint_target
         return np.clip((target - self.env.loop.nominal) / self.env.loop.action_scale, -1.0, 1.0)
+
+    def _out_of_reach(self, observations: np.ndarray, ended: np.ndarray) -> np.ndarray:
+        """Return how many borders each robot's capture point is beyond, or would be far beyond soon (N,)."""
+        here = horizontal(capture_points.from_feet(self.env.robot, observations) - self._home_capture_point)
+        soon = np.where(ended, here, 2.0 * here - self._last_capture_point)
+        self._last_capture_point = here
+        far = FAR * self.env.robot.length_scale
+        beyond = [
+            np.abs(point) > self._reach[:, np.degrees(np.angle(point)).astype(np.int64) % 360] + margin
+            for point, margin in ((here, 0.0), (soon, far))
+        ]
+        return np.logical_or(*beyond).sum(axis=0)
 
     def _feet(self, observations: np.ndarray) -> np.ndarray:
         """The left foot from the right one in the heading frame (N, 3) [m]."""

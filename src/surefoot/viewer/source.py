@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from surefoot.agents.load import BEST, NOMINAL, is_controller, load_agent, load_policy, shipped_policies, usual_robot
+from surefoot.agents.load import NOMINAL, is_controller, load_agent, load_policy, shipped_policies, usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import SUFFIX
 from surefoot.errors import UserError
@@ -34,7 +34,7 @@ class PolicySource:
 
     def __init__(self, name: str, robot: Robot | None = None):
         self._robot = robot
-        self.name = name = BEST.get(name, name)
+        self.name = name
         self.is_waiting = False
         is_known = name == NOMINAL or name in shipped_policies() or is_controller(name)
         self._path = None if is_known else Path(name)
