@@ -186,5 +186,5 @@ def test_the_command_names_what_is_wrong(tmp_path: Path) -> None:
         Export("ddpg", vectors=Path("run.json")).main()
     with pytest.raises(UserError, match=r"cannot write .*none.*: No such file or directory; what"):
         Export("ddpg", vectors=tmp_path / "none" / "run.csv").main()
-    with pytest.raises(UserError, match="shipped policies: ddpg"):
+    with pytest.raises(UserError, match="shipped policies: best, ddpg"):
         Export("nobody", onnx=tmp_path / "x.onnx").main()

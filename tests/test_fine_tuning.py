@@ -100,7 +100,7 @@ def test_a_run_cannot_begin_with_a_policy_that_does_not_fit(change: dict, messag
     with pytest.raises(UserError, match=message):
         train(dataclasses.replace(config, **change), tmp_path / "run", start="ddpg")
     assert not (tmp_path / "run").exists()
-    with pytest.raises(UserError, match=r"cannot read policy nobody: .*shipped policies: ddpg, ppo, trpo"):
+    with pytest.raises(UserError, match=r"cannot read policy nobody: .*shipped policies: best, ddpg, ppo, trpo"):
         train(config, tmp_path / "run", start="nobody")
 
 

@@ -356,5 +356,5 @@ def test_a_session_plays_on_with_a_new_checkpoint(run_folder):
 @pytest.mark.parametrize("name", ["nowhere", ""])
 def test_a_policy_that_is_not_there_is_refused(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(UserError, match=r"cannot read policy .*shipped policies: ddpg, ppo, trpo"):
+    with pytest.raises(UserError, match=r"cannot read policy .*shipped policies: best, ddpg, ppo, trpo"):
         PolicySource(name)

@@ -29,6 +29,10 @@ def write_label(picture: Image.Image, corner: tuple[float, float], text: str, si
     draw.text((x + 0.4 * size, y + 0.75 * size), text, fill="white", font=font_of(size), anchor="lm")
 
 
+LEAST_LEGIBLE = 4.0
+"""Size of the smallest letters that can be read [pixels]."""
+
+
 @functools.cache
 def font_of(size: float) -> ImageFont.FreeTypeFont:
     """DejaVu Sans Bold of this size [pixels]; it comes with matplotlib, and so is the same on every machine."""
@@ -36,10 +40,15 @@ def font_of(size: float) -> ImageFont.FreeTypeFont:
 
 
 def draw_legend(picture: Image.Image, middle: tuple[float, float], size: float, ink: str, edge: str) -> None:
-    """Write what the marks mean, from the point `middle` to the right; letters are of this size [pixels] or smaller."""
+    """Write what the marks mean, from the point `middle` to the right; letters are of this size [pixels] or smaller.
+
+    Nothing is written where they would be smaller than `LEAST_LEGIBLE`.
+    """
     draw, (x, y) = ImageDraw.Draw(picture), middle
     length = sum(draw.textlength("●" + word, font=font_of(size)) + 1.25 * size for word, _ in LEGEND)
     size *= min(1.0, (picture.width - 2 * x) / length)
+    if size < LEAST_LEGIBLE:
+        return
     font = font_of(size)
     for word, color in LEGEND:
         dot = tuple(round(255 * c) for c in color[:3])
