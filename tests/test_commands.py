@@ -59,7 +59,7 @@ def test_a_picture_has_a_row_for_each_impulse_and_a_column_for_each_time(needs_o
     strip, single = tmp_path / "strip.png", tmp_path / "single.png"
     Picture("nominal", out=strip, impulse=(24.0, 240.0), times=(0.1, 0.3, 0.6), size=(80, 100)).main()
     with Image.open(strip) as picture:
-        assert picture.size == (210 + 3 * 84, 2 * 104 + 44)
+        assert picture.size == (260 + 3 * 84, 2 * 104 + 48)
     Picture("nominal", out=single, impulse=(60.0,), times=(0.1,), size=(80, 100)).main()
     with Image.open(single) as picture:
         assert picture.size == (80, 100)
