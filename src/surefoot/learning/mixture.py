@@ -70,31 +70,28 @@ class MixtureNetwork(nn.Module):
         observed = self.num_observed
         (w1, b1), (w2, b2), (w3, b3) = ((_array(m.weight), _array(m.bias)) for m in linear_modules(self.trunk))
         first, second = ([(_array(w), _array(b)) for w, b in each] for each in self._teachers)
-        eye, one, h2 = np.eye(observed), np.ones((1, 1)), len(b2)
+        eye, one = np.eye(observed), np.ones((1, 1))
         see = np.eye(observed, w1.shape[1])
         chain = [
             _stack((w1, b1), (_PASS * see, None)),
             _blocks((w2, b2), (eye, None)),
             # The correction, the two choices, and the observation.
-            _wide(
-                [(_PASS * w3[:observed], _PASS * b3[:observed]), (w3[observed:], b3[observed:])],
-                (eye, h2),
-                h2 + observed,
+            _blocks(
+                _stack((_PASS * w3[:observed], _PASS * b3[:observed]), (w3[observed:], b3[observed:])), (eye, None)
             ),
         ]
         # Values now: correction * PASS, tanh(noisy), tanh(choice), observation * PASS.
         size = 2 * observed + 2
-        gated = np.zeros((observed, size))
-        gated[:, :observed] = _GATE / _PASS * eye
+        correction = np.zeros((observed, size))
+        correction[:, :observed] = eye / _PASS
         closing = np.zeros((observed, size))
         closing[:, observed] = -CLOSED
         passed = np.zeros((1 + observed, size))
         passed[0, observed + 1] = _PASS
         passed[1:, observed + 2 :] = eye
-        shift = np.full(observed, CLOSED)
-        chain.append(_stack((closing + gated, shift), (closing - gated, shift), (passed, None)))
+        chain.append(_stack(*_halves(closing, correction, np.zeros(observed)), (passed, None)))
         # Values now: both halves of the gated correction, tanh(choice) * PASS, observation * PASS.
-        clear = np.hstack([eye / (2.0 * _GATE), -eye / (2.0 * _GATE), np.zeros((observed, 1)), eye / _PASS])
+        clear = np.hstack([_of_halves(observed), np.zeros((observed, 1)), eye / _PASS])
         choice = np.zeros((1, clear.shape[1]))
         choice[0, 2 * observed] = 1.0
         (f1, c1), (s1, d1) = first[0], second[0]
@@ -112,14 +109,19 @@ def _last(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.nda
     closing = np.zeros_like(difference)
     closing[:, -1] = -CLOSED / _PASS
     theirs = np.hstack([np.zeros_like(f), s, np.zeros((joints, 1))])
-    shift = np.full(joints, CLOSED)
-    gates = _stack(
-        (closing + _GATE * difference, shift + _GATE * (c - d)),
-        (closing - _GATE * difference, shift - _GATE * (c - d)),
-        (_PASS * theirs, _PASS * d),
-    )
-    eye = np.eye(joints)
-    return [gates, (np.hstack([eye / (2.0 * _GATE), -eye / (2.0 * _GATE), eye / _PASS]), np.zeros(joints))]
+    gates = _stack(*_halves(closing, difference, c - d), (_PASS * theirs, _PASS * d))
+    return [gates, (np.hstack([_of_halves(joints), np.eye(joints) / _PASS]), np.zeros(joints))]
+
+
+def _halves(closing: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Both halves z + e x and z - e x of gates, where z = CLOSED + closing and x = weight and bias (n,)."""
+    return [(closing + sign * _GATE * weight, CLOSED + sign * _GATE * bias) for sign in (1.0, -1.0)]
+
+
+def _of_halves(number: int) -> np.ndarray:
+    """What so many gates let through, of tanh of both their halves: (number, 2 number)."""
+    eye = np.eye(number) / (2.0 * _GATE)
+    return np.hstack([eye, -eye])
 
 
 def _gate(argument: torch.Tensor) -> torch.Tensor:
@@ -147,18 +149,6 @@ def _blocks(*parts: tuple[np.ndarray, np.ndarray | None]) -> tuple[np.ndarray, n
         weight[row : row + len(w), column : column + w.shape[1]] = w
         row, column = row + len(w), column + w.shape[1]
     return weight, np.concatenate([np.zeros(len(w)) if bias is None else bias for w, bias in parts])
-
-
-def _wide(
-    parts: Sequence[tuple[np.ndarray, np.ndarray]], passed: tuple[np.ndarray, int], num_inputs: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """One layer of several on the first inputs, and of one that hands on inputs from a column on."""
-    eye, column = passed
-    weight, bias = _stack(*parts)
-    widened = np.zeros((len(weight) + len(eye), num_inputs))
-    widened[: len(weight), : weight.shape[1]] = weight
-    widened[len(weight) :, column:] = eye
-    return widened, np.concatenate([bias, np.zeros(len(eye))])
 
 
 def _tensor(array: np.ndarray) -> torch.Tensor:

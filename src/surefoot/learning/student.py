@@ -19,7 +19,6 @@ from surefoot.learning.sb3 import Normalisation
 from surefoot.task.contract import Contract
 from surefoot.task.environment import PushRecoveryVectorEnv
 from surefoot.task.memory import Memory
-from surefoot.task.observation import component_names
 
 GATE_WEIGHT = 0.05
 """Of the surprise of a mixture's gate [nats], beside squared errors."""
@@ -36,6 +35,7 @@ class Student:
 
     Attributes:
         normalise: what the network is given.
+        num_observed: components of an observation.
         memory: of the robots.
         network: normalised inputs to actions.
     """
@@ -50,8 +50,8 @@ class Student:
     ):
         self.env = env
         self.normalise = Normalisation(env, past_observations, past_actions)
-        (num_observed,) = env.single_observation_space.shape or (0,)
-        self.memory = Memory(past_observations, past_actions, num_observed, env.robot.num_joints)
+        (self.num_observed,) = env.single_observation_space.shape or (0,)
+        self.memory = Memory(past_observations, past_actions, self.num_observed, env.robot.num_joints)
         self.memory.prepare(env.num_envs)
         self.network = self.new_network(hidden)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate, fused=True)
@@ -161,16 +161,12 @@ class MixtureStudent(Student):
     @property
     def num_targets(self) -> int:
         """The labels, the clear observation, and whether the first teacher gave them."""
-        return self.env.robot.num_joints + self._num_observed + 1
-
-    @property
-    def _num_observed(self) -> int:
-        return len(component_names(self.env.robot))
+        return self.env.robot.num_joints + self.num_observed + 1
 
     def new_network(self, hidden: Sequence[int]) -> nn.Module:
         """Return a mixture that hears the second teacher only, and believes its sensors."""
         first, second = (self._taken_in(teacher) for teacher in self._teachers)
-        return MixtureNetwork(len(self.normalise.mean), self._num_observed, hidden, first, second)
+        return MixtureNetwork(len(self.normalise.mean), self.num_observed, hidden, first, second)
 
     def layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return the network as a chain of linear layers with tanh between them."""
@@ -178,7 +174,7 @@ class MixtureStudent(Student):
 
     def targets(self, labels: np.ndarray, levels: np.ndarray, clear: np.ndarray) -> np.ndarray:
         """Return labels, normalised clear observation, and whether the first teacher gave the label."""
-        observed = slice(self._num_observed)
+        observed = slice(self.num_observed)
         normalised = (clear - self.normalise.mean[observed]) / self.normalise.std[observed]
         return np.column_stack([labels, normalised, levels == 0])
 
@@ -204,7 +200,7 @@ class MixtureStudent(Student):
                 f"the teacher {teacher.name} has the action scale {contract.action_scale}, less than the mixture's "
                 f"{config.action_scale}"
             )
-        observed = slice(self._num_observed)
+        observed = slice(self.num_observed)
         *hidden, (weight, bias) = teacher.layers(self.normalise.mean[observed], self.normalise.std[observed])
         scale = contract.action_scale / config.action_scale
         shift = (np.array(contract.nominal_pose) - self.env.loop.nominal) / config.action_scale
