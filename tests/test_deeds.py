@@ -8,7 +8,8 @@ import pytest
 from surefoot.agents.load import load_policy
 from surefoot.physics.pushes import horizontal_push
 from surefoot.rates import POLICY_HZ
-from surefoot.viewer.live_panel import fitting_limit, status_html
+from surefoot.viewer.live_panel import fitting_limit, verdict_values
+from surefoot.viewer.markup import render
 from surefoot.viewer.session import Session
 from surefoot.viewer.verdict import State
 
@@ -39,7 +40,7 @@ def test_a_push_is_told_with_impulse_force_and_verdict_and_a_fall_stays_readable
     live(session, 6.0)
     assert session.verdicts.state[0] == State.STANDING, "it has stood up again"
     assert told(session) == [("900 Ns forward, 7500 N", "fell"), ("120 Ns left, 1000 N", "recovered")]
-    html = status_html(session, 0, "trpo", "paused")
+    html = render("deeds", deeds=list(session.deeds))
     assert html.index("900 Ns forward, 7500 N") < html.index(">fell<") < html.index("120 Ns left, 1000 N")
 
 
@@ -48,10 +49,10 @@ def test_a_hand_is_told_with_its_force_while_it_pulls_and_its_largest_after(sess
     for force in (40.0, 90.0, 60.0):
         session.pull(0, body, np.array([force, 0.0, 0.0]))
         session.step()
-        assert f"held by hand with {force:.0f} N" in status_html(session, 0, "trpo", "")
+        assert f"held by hand with {force:.0f} N" in str(verdict_values(session, 0)["detail"])
     session.release(0)
     live(session, 5.0)
-    assert "held by hand" not in status_html(session, 0, "trpo", "")
+    assert "held by hand" not in str(verdict_values(session, 0)["detail"])
     assert told(session) == [("by hand, up to 90 N", "recovered")]
 
 

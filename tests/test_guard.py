@@ -19,6 +19,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import InvalidStatus
 from websockets.http11 import Request
 
+from surefoot.agents.load import usual_robot
 from surefoot.errors import UserError
 from surefoot.viewer.guard import Guard
 from surefoot.viewer.page import Page
@@ -284,7 +285,7 @@ def test_only_policies_of_the_folders_named_at_the_start_are_offered(tmp_path: P
     (tmp_path / "notes.txt").write_text("")
     os.mkfifo(tmp_path / "pipe.onnx")
     (tmp_path / "zero.onnx").symlink_to("/dev/zero")
-    offered = offered_policies([tmp_path, tmp_path / "nowhere"], "given")
+    offered = offered_policies(usual_robot(), [tmp_path, tmp_path / "nowhere"], "given")
     assert [name for name in offered if str(tmp_path) in name] == [str(tmp_path / "mine.onnx"), str(tmp_path / "run")]
     assert offered[-1] == "given"
 

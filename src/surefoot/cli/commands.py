@@ -27,6 +27,7 @@ from surefoot.cli.report import Table as TableCommand
 from surefoot.cli.reproduce import Reproduce
 from surefoot.cli.robot import CheckRobot
 from surefoot.cli.settings import unknown_option
+from surefoot.cli.strategies import Strategies
 from surefoot.cli.terminal import console
 from surefoot.cli.train import Ablate, Select, Train
 from surefoot.cli.video import Picture, Video
@@ -38,6 +39,7 @@ COMMANDS: dict[str, Any] = {
     "evaluate": Evaluate,
     "agent": AgentCommand,
     "export": Export,
+    "strategies": Strategies,
     "oracle": Oracle,
     "replay": Replay,
     "report": Report,

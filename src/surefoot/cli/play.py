@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import time
 import webbrowser
@@ -19,6 +20,8 @@ from surefoot.errors import UserError
 if TYPE_CHECKING:
     from surefoot.viewer.page import Page
 
+_STORED = re.compile(r"(.+):(\d+)")
+"""A stored trial: the file of its results table, and its number."""
 _PATIENCE_S = 8.0
 """For the page's threads to end after Ctrl-C."""
 
@@ -34,11 +37,15 @@ def has_screen() -> bool:
 class Play:
     """Push the robot by hand, in a browser: opens a page on this machine and prints its address."""
 
-    policy: Annotated[str, tyro.conf.Positional] = "best"
-    """A shipped policy's name, a policy file (.onnx), "nominal", or a run folder: its newest checkpoint is followed
-    while it learns."""
+    policy: Annotated[str, tyro.conf.Positional] = ""
+    """A shipped policy's name ("best" without it), a policy file (.onnx), a run folder, whose newest checkpoint is
+    followed while it learns, a controller (controllers/NAME or FILE.py:CLASS), "nominal" (that is what --robot alone
+    shows), or a stored trial of `surefoot evaluate`, RESULTS.sqlite:ID, which is played first."""
     robot: str = ""
-    """The robot of "nominal": a shipped robot's name, or a description (.toml); the shipped policies' without it."""
+    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml); the shipped
+    policies' robot without it."""
+    trial_policy: str | None = None
+    """Who is seen in a stored trial, if neither shipped nor in runs/: a policy file, a run folder, a controller."""
     robots: int = 1
     """1 to 64 robots under the same push."""
     port: int = 8080
@@ -73,5 +80,32 @@ class Play:
 
         if not self.host:
             raise UserError("host must be an address or a name of this machine; valid: 127.0.0.1, 0.0.0.0")
-        source = PolicySource(self.policy, chosen_robot(self.robot))
+        stored = _STORED.fullmatch(self.policy)
+        if stored:
+            return self._page_of_trial(Path(stored[1]), int(stored[2]))
+        name = self.policy or ("nominal" if self.robot else "best")
+        source = PolicySource(name, chosen_robot(self.robot))
         return Page(source, self.robots, self.host[0], self.port, self.runs, self.host[1:])
+
+    def _page_of_trial(self, results: Path, number: int) -> Page:
+        """The page of the policy of a stored trial, which is run again and played first."""
+        from surefoot.evaluation import replay
+        from surefoot.evaluation.recorded import record_trials
+        from surefoot.evaluation.results import open_results
+        from surefoot.rendering.words import trial_words
+        from surefoot.viewer.page import Page
+        from surefoot.viewer.playback import take_of
+        from surefoot.viewer.source import PolicySource
+
+        with open_results(results) as table:
+            row = table.row(number)
+        what = f"trial {number} of {results}"
+        policy = replay.policy_of(row, what, self.trial_policy)
+        recorded = record_trials(policy, [row.trial], num_threads=1, engine=row.key.setup.engine_word)[row.trial]
+        found = replay.differences(row.outcome, recorded.outcome)
+        same = f"different from what is stored: {', '.join(name for name, _, _ in found)}" if found else "as stored"
+        say(f"{what}: {row.policy_name}, {row.scenario}, {recorded.outcome.reason}, {same}")
+        source = PolicySource(self.trial_policy or row.policy_name, policy.robot, policy)
+        page = Page(source, 1, self.host[0], self.port, self.runs, self.host[1:])
+        page.show_trial(f"trial {number}: {trial_words(row.trial)}", take_of(recorded))
+        return page

@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from surefoot.evaluation.trials import Trial
+    from surefoot.evaluation.results import Row
     from surefoot.task.agent import Agent
 
 
@@ -42,8 +42,7 @@ class Replay:
 
         with open_results(self.results) as results:
             row = results.row(self.row)
-        replay.check_setup(row.key.setup, f"row {self.row} of {self.results}")
-        policy = replay.find_policy(row.policy_name, row.key.agent, self.policy, row.key.setup.robot)
+        policy = replay.policy_of(row, f"row {self.row} of {self.results}", self.policy)
         outcome = replay.replay(row, policy)
         found = replay.differences(row.outcome, outcome)
         output = Console(soft_wrap=True, highlight=False, markup=False)
@@ -51,11 +50,11 @@ class Replay:
         for name, old, new in found:
             output.print(f"  {name}: stored {old}, now {new}")
         output.print("different" if found else "identical")
-        self._show(policy, row.trial, output)
+        self._show(policy, row, output)
         if found:
             sys.exit(1)
 
-    def _show(self, policy: Agent, trial: Trial, output: Console) -> None:
+    def _show(self, policy: Agent, row: Row, output: Console) -> None:
         if not (self.video or self.picture):
             return
         from surefoot.rendering.film import save_video
@@ -63,7 +62,7 @@ class Replay:
         from surefoot.rendering.recording import record
         from surefoot.rendering.strip import filmstrip
 
-        recording = record(policy, trial)
+        recording = record(policy, row.trial, engine=row.key.setup.engine_word)
         if self.video:
             save_video(self.video, recording)
             output.print(f"video: {self.video}")

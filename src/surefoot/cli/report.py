@@ -92,7 +92,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Pictures:
-    """Draw the pictures of results: bars beside the paper, polar map, learning curves, film strip."""
+    """Draw the pictures of results: bars beside the paper, polar map, strategies, learning curves, film strip."""
 
     thresholds: Path = Path("results/thresholds.csv")
     """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
@@ -100,6 +100,9 @@ class Pictures:
     """Folder with learning curves: ALGORITHM-SEED.csv, or the curve.csv of one run."""
     policy: str = "best"
     """The policy of the film strip, as for `surefoot evaluate`; it must be among the thresholds."""
+    strategies: Path = Path("results/strategies.csv")
+    """A .csv file that `surefoot strategies` wrote; drawn if it exists: one picture of the policies of a robot, one of
+    robots and engines side by side."""
     out: Path = Path("docs/pictures")
     """Folder for the pictures."""
 
@@ -107,9 +110,10 @@ class Pictures:
         """Draw the pictures."""
         from surefoot.agents.load import load_policy
         from surefoot.evaluation.results_export import read_thresholds
+        from surefoot.evaluation.strategy_map import read_strategies
         from surefoot.learning.curve import read_curves
         from surefoot.report.learning_plots import learning_curves
-        from surefoot.report.result_pictures import draw_strip, draw_thresholds
+        from surefoot.report.result_pictures import draw_strategies, draw_strip, draw_thresholds
 
         policies, policy = read_thresholds(self.thresholds), load_policy(self.policy)
         if policy.name not in policies:
@@ -117,6 +121,8 @@ class Pictures:
         self.out.mkdir(parents=True, exist_ok=True)
         with working("drawing pictures"):
             drawn = draw_thresholds(policies, policy.robot, self.out)
+            if self.strategies.exists():
+                drawn += draw_strategies(read_strategies(self.strategies), policy.robot, self.out)
             drawn.append(self.out / "curves.png")
             learning_curves(read_curves(self.curves), drawn[-1])
             try:

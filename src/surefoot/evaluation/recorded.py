@@ -9,6 +9,7 @@ import numpy as np
 
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.trials import Trial, TrialSource, draws, run_trials
+from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.physics.step_record import StepRecord
 from surefoot.rates import CONTROL_HZ
 from surefoot.task.agent import Agent
@@ -31,13 +32,15 @@ class RecordedTrial:
     begin: int
 
 
-def record_trials(agent: Agent, trials: Iterable[Trial], num_threads: int = 0) -> dict[Trial, RecordedTrial]:
+def record_trials(
+    agent: Agent, trials: Iterable[Trial], num_threads: int = 0, engine: str = DEFAULT_ENGINE
+) -> dict[Trial, RecordedTrial]:
     """Run trials of one agent, those in the same domain as one batch, and keep all their ticks."""
     different = list(dict.fromkeys(trials))
     recorded: dict[Trial, RecordedTrial] = {}
     for domain in dict.fromkeys(trial.domain for trial in different):
         recorder = _Recorder([trial for trial in different if trial.domain == domain])
-        run_trials(agent, recorder, len(recorder.trials), num_threads, on_step=recorder.watch, domain=domain)
+        run_trials(agent, recorder, len(recorder.trials), num_threads, recorder.watch, domain, engine)
         recorded |= recorder.recorded(len(agent.contract.joints))
     return {trial: recorded[trial] for trial in different}
 

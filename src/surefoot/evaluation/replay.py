@@ -97,6 +97,21 @@ def check_setup(setup: Setup, what: str) -> None:
         raise UserError(f"{what} cannot be run again as it was: {', '.join(found)}")
 
 
+def policy_of(row: Row, what: str, given: str | Path | None = None) -> Agent:
+    """The policy or controller of a row that can be run again as it was.
+
+    Args:
+        row: of a results table.
+        what: it is, for errors.
+        given: as of `find_policy`.
+
+    Raises:
+        UserError: the row was made in another setup, or its policy is not found.
+    """
+    check_setup(row.key.setup, what)
+    return find_policy(row.policy_name, row.key.agent, given, row.key.setup.robot)
+
+
 def replay(row: Row, policy: Agent) -> Outcome:
     """Run the row's trial again, alone; it had up to 191 neighbours."""
     trial = row.trial

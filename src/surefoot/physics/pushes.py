@@ -115,6 +115,13 @@ class Pushes:
         self.force[ids, slot] = impulse / (num_ticks * CONTROL_DT)
         self.arm[ids, slot] = arm
 
+    def of(self, ids: np.ndarray) -> Pushes:
+        """A copy of the pushes of robots `ids` (n,)."""
+        some = Pushes(self.robot, len(ids), self.num_slots)
+        for name in ("start", "end", "body", "force", "arm"):
+            getattr(some, name)[:] = getattr(self, name)[ids]
+        return some
+
     def cancel(self, ids: np.ndarray, slots: int | slice = slice(None)) -> None:
         """Take away the pushes of robots `ids` (n,) in one slot or, without it, in all of them."""
         self.start[ids, slots] = self.end[ids, slots] = NEVER

@@ -11,6 +11,7 @@ from surefoot.errors import UserError
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.recorded import RecordedTrial, record_trials
 from surefoot.evaluation.trials import Trial
+from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.rates import CONTROL_DT, CONTROL_HZ
 from surefoot.rendering.moment import Moment
 from surefoot.robots import Robot
@@ -48,13 +49,14 @@ class Recording:
         return self.moments[min(int(np.searchsorted(self.times, time - 1e-9)), len(self.moments) - 1)]
 
 
-def record(policy: Agent, trial: Trial, fps: int = 50) -> Recording:
+def record(policy: Agent, trial: Trial, fps: int = 50, engine: str = DEFAULT_ENGINE) -> Recording:
     """Run one trial and keep what a picture shows of it.
 
     Args:
         policy: who acts.
         trial: what is run.
         fps: moments per second of simulated time.
+        engine: name of the physics engine.
 
     Raises:
         UserError: `fps` does not divide the 500 ticks of a second.
@@ -62,5 +64,5 @@ def record(policy: Agent, trial: Trial, fps: int = 50) -> Recording:
     valid = [rate for rate in range(1, CONTROL_HZ + 1) if CONTROL_HZ % rate == 0]
     if fps not in valid:
         raise UserError(f"cannot record {fps} frames per second; valid: {', '.join(map(str, valid))}")
-    recorded = record_trials(policy, [trial], num_threads=1)[trial]
+    recorded = record_trials(policy, [trial], num_threads=1, engine=engine)[trial]
     return Recording.of(policy.name, recorded, fps)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from surefoot.agents.controllers.step_times import Timing
 from surefoot.checks import check_fields
@@ -19,6 +16,7 @@ from surefoot.evaluation.results import Results, open_results
 from surefoot.evaluation.results_check import reading
 from surefoot.evaluation.results_schema import Key
 from surefoot.evaluation.scenarios import DIRECTIONS, Line
+from surefoot.evaluation.strategy_map import cell_strategy
 from surefoot.evaluation.suites import PAPER, ROBUSTNESS, SINGLE
 from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold
 from surefoot.evaluation.trial_store import TrialStore
@@ -34,17 +32,16 @@ SHANK = "push at the shank"
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of the grid of impulses [Ns]: how many of its trials, screening and full-length, recovered.
+    """A cell of the grid of impulses [Ns]: how many of its trials, screening and full-length, recovered, and how.
 
     Attributes:
-        steps: median number of steps of those that recovered; NaN if none did. Once the trunk leans too far, steps are
-            not counted any more; a foot that left its place makes it at least one.
+        strategy: as `evaluation.strategies.cell_strategy` says.
     """
 
     impulse: float
     recovered: int
     trials: int
-    steps: float = math.nan
+    strategy: str
 
 
 @dataclass(frozen=True)
@@ -181,9 +178,8 @@ def _cells(line: Line, store: TrialStore) -> list[Cell]:
         if not outcomes:  # what lies above was not searched; single trials of other scenarios may
             break
         outcomes += _known(line, cell, store, NUM_FULL_LENGTH, full_length=True)
-        steps = [max(o.steps, not o.is_without_step(line.protocol.step_length)) for o in outcomes if o.recovered]
-        median = float(np.median(steps)) if steps else math.nan
-        cells.append(Cell(line.size(cell), sum(map(line.succeeded, outcomes)), len(outcomes), median))
+        strategy = cell_strategy(outcomes, line.protocol.step_length)
+        cells.append(Cell(line.size(cell), sum(map(line.succeeded, outcomes)), len(outcomes), strategy))
     return cells
 
 

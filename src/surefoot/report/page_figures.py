@@ -21,7 +21,7 @@ from surefoot.report.evaluations import LARGEST, SHANK, Evaluation, has_several_
 from surefoot.report.figure import Figure, drawn, webp
 from surefoot.report.learning_plots import learning_curves
 from surefoot.report.plot_style import Point, counted
-from surefoot.report.step_map import step_map
+from surefoot.report.strategy_plots import strategy_map
 from surefoot.report.threshold_plots import BarRow, bars_beside_paper, polar_map, success_map
 from surefoot.report.thresholds import by_scenario, root_pushes, root_words
 from surefoot.report.traces import STRIDE, Trace, run_traces
@@ -53,7 +53,7 @@ def policy_figures(evaluation: Evaluation, policy: Agent | None) -> tuple[list[F
         evaluation: of the policy.
         policy: to run the drawn trials again; without it, only what needs no trial.
     """
-    found = [_success_map(evaluation), _step_map(evaluation)] if any(evaluation.cells.values()) else []
+    found = [_success_map(evaluation), _strategy_map(evaluation)] if any(evaluation.cells.values()) else []
     if policy is None or not evaluation.cases:
         return found, []
     traces = run_traces(policy, {name: case.trial for name, case in evaluation.cases.items()})
@@ -160,19 +160,20 @@ def _success_map(e: Evaluation) -> Figure:
     )
 
 
-def _step_map(e: Evaluation) -> Figure:
+def _strategy_map(e: Evaluation) -> Figure:
     found = by_scenario(e.thresholds)
     pushes = list((found.get(limited_name("root_push")) or found["root_push"]).values())
     without_step = list(found.get("root_push_no_step", {}).values())
-    data = [[line.name, cell.impulse, cell.steps] for line, cells in e.cells.items() for cell in cells]
+    cells = {line.angle: several for line, several in e.cells.items()}
+    data = [[line.name, cell.impulse, cell.strategy] for line, cells in e.cells.items() for cell in cells]
     return Figure(
-        "steps",
-        f"How many steps it takes after a push at the {root_words(e.robot)}",
-        "Median over the trials of each cell that recovered, forward up. Grey: fewer than nine in ten recovered. The"
-        " rejected impulse is the one within the joints' limits.",
-        [["direction", "impulse [Ns]", "steps"], *data],
+        "strategies",
+        f"Strategies after a push at the {root_words(e.robot)}",
+        "The strongest strategy of the trials of each cell that recovered (their median), forward up. Grey: fewer than"
+        " nine in ten recovered. The rejected impulse is the one within the joints' limits.",
+        [["direction", "impulse [Ns]", "strategy"], *data],
         alone=True,
-        **drawn(lambda path: step_map(e.cells, pushes, without_step, path)),
+        **drawn(lambda path: strategy_map(cells, pushes, without_step, path)),
     )
 
 

@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from surefoot.evaluation.strategy_map import StrategyCell
 from surefoot.evaluation.threshold_search import Threshold
+from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.rendering.image_files import save_picture
 from surefoot.rendering.recording import record
 from surefoot.rendering.strip import filmstrip
 from surefoot.report import paper
 from surefoot.report.bounds import capture_point_bound, worse_bounds
+from surefoot.report.strategy_plots import side_by_side
 from surefoot.report.threshold_plots import BarRow, bars_beside_paper, polar_map
 from surefoot.report.thresholds import LATERAL, SAGITTAL, root_pushes, root_words, worse_of
 from surefoot.robots import Robot
@@ -43,6 +46,27 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
     }
     polar_map(points, bound, polar, title=f"Rejected impulse at the {root_words(robot)}")
     return [bars, polar]
+
+
+def draw_strategies(cells: Sequence[StrategyCell], robot: Robot, folder: Path) -> list[Path]:
+    """The strategies of all policies of a robot in the default engine, and those of all robots and engines.
+
+    Args:
+        cells: of all of them.
+        robot: whose policies are set side by side.
+        folder: for the pictures.
+    """
+    own = [cell for cell in cells if cell.robot == robot.name and cell.engine.startswith(DEFAULT_ENGINE)]
+    drawn = []
+    if own:
+        drawn.append(folder / "strategies.png")
+        side_by_side(own, drawn[-1])
+    others = {(cell.name, cell.robot) for cell in cells if cell not in own}
+    if others:
+        names = {name for name, _ in others}
+        drawn.append(folder / "strategies-robots.png")
+        side_by_side([cell for cell in cells if cell.name in names], drawn[-1])
+    return drawn
 
 
 def draw_strip(policy: Agent, thresholds: Sequence[Threshold], path: Path) -> Path:

@@ -12,7 +12,8 @@ from surefoot.rendering.moment import Moment
 from surefoot.robots import Robot
 from surefoot.viewer.body_meshes import body_glbs
 from surefoot.viewer.marks import Marks
-from surefoot.viewer.session import HAND, Session
+from surefoot.viewer.playback import Shown
+from surefoot.viewer.session import HAND
 
 # Lengths are for a robot of `framing.REFERENCE_HEIGHT` [m].
 SPACING = 2.2
@@ -60,9 +61,9 @@ class BrowserScene:
         self._pushed = np.zeros((self._model.nbody - 1, num_robots, 3))
         self._marks = Marks(server, robot, num_robots, _WORLD)
 
-    def draw(self, session: Session, tick: int, watched: int, follow: bool) -> None:
-        """Show a tick of the session's last step; `watched` is the robot with all its marks."""
-        ticks = session.ticks
+    def draw(self, shown: Shown, tick: int, watched: int, follow: bool) -> None:
+        """Show a tick of the last step that is shown; `watched` is the robot with all its marks."""
+        ticks = shown.ticks
         tick = min(tick, len(ticks) - 1)
         self._place_bodies(ticks, tick)
         self._move_world(ticks["root_position"][watched, tick], watched, follow)
@@ -71,8 +72,8 @@ class BrowserScene:
             for body, handle in self.bodies.items():
                 handle.batched_positions = self._xpos[body].astype(np.float32)
                 handle.batched_wxyzs = self._xquat[body].astype(np.float32)
-            self._show_pushes(session, tick)
-            self._marks.show_states(self._xpos[0], session.verdicts.state if self.num_robots > 1 else None)
+            self._show_pushes(shown, tick)
+            self._marks.show_states(self._xpos[0], shown.verdicts.state if self.num_robots > 1 else None)
             moment = Moment.of(ticks, robot=watched, tick=tick)
             self._marks.show_balance(moment, self.places[watched], self.overlays)
 
@@ -103,14 +104,14 @@ class BrowserScene:
             self._xquat[:, robot] = self._data.xquat[1:]
             self._pushed[:, robot] = self._data.xipos[1:] + self.places[robot]
 
-    def _show_pushes(self, session: Session, tick: int) -> None:
-        pushes, everyone = session.pushes, np.arange(self.num_robots)
+    def _show_pushes(self, shown: Shown, tick: int) -> None:
+        pushes, everyone = shown.pushes, np.arange(self.num_robots)
         is_held = np.zeros((self.num_robots, pushes.num_slots), bool)
-        is_held[:, HAND] = session.is_held
+        is_held[:, HAND] = shown.is_held
         self._marks.show_pushes(
             centers=self._pushed[pushes.body, everyone[:, None]].reshape(-1, 3),
             force=pushes.force.reshape(-1, 3),
-            since=session.since(tick).ravel(),
+            since=shown.since(tick).ravel(),
             is_held=is_held.ravel(),
         )
 

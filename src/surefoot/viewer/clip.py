@@ -17,7 +17,7 @@ from surefoot.rendering.image_files import write_film
 from surefoot.rendering.moment import Moment
 from surefoot.rendering.renderer import Renderer
 from surefoot.robots import Robot
-from surefoot.viewer.session import Session
+from surefoot.viewer.playback import Shown
 
 SECONDS = 8.0
 SIZE = (640, 480)
@@ -41,18 +41,18 @@ class ClipRecorder:
         """Forget everything."""
         self._shots.clear()
 
-    def add(self, session: Session, robot: int) -> None:
-        """Remember the last tick of the session's last step."""
-        pushes, times = session.pushes, session.since(-1)[robot]
+    def add(self, shown: Shown, robot: int) -> None:
+        """Remember the last tick of the last step that is shown."""
+        pushes, times = shown.pushes, shown.since(-1)[robot]
         slot = int(times.argmin())
         since, force = float(times[slot]), pushes.force[robot, slot]
         strength = float(np.linalg.norm(force))
         push = None
         if since < np.inf and strength > 1.0:
             direction = tuple((force / strength).tolist())
-            body = _pushable(session.robot, int(pushes.body[robot, slot]))
+            body = _pushable(shown.robot, int(pushes.body[robot, slot]))
             push = Push(body, direction, strength * POLICY_DT, duration=POLICY_DT)
-        moment = dataclasses.replace(Moment.of(session.ticks, robot), time=max(since + POLICY_DT, 0.0))
+        moment = dataclasses.replace(Moment.of(shown.ticks, robot), time=max(since + POLICY_DT, 0.0))
         self._shots.append(Shot(moment, push))
 
     def shots(self) -> tuple[Shot, ...]:

@@ -15,6 +15,7 @@ from surefoot.physics.pushes import Push, horizontal_push
 from surefoot.rendering.words import pushable_words
 from surefoot.robots import Robot
 from surefoot.viewer.clip import SECONDS
+from surefoot.viewer.deeds import SHOWN
 from surefoot.viewer.markup import render
 from surefoot.viewer.player import MIN_SPEED, Player
 from surefoot.viewer.session import Session
@@ -22,7 +23,14 @@ from surefoot.viewer.settings import Setting, choice, number
 from surefoot.viewer.source import PolicySource, offered_policies
 
 CROWDS = ("1", "4", "16", "36", "64")
-_KEYS = {"space": "pause", "N": "one step", "R": "reset", "F": "follow", "X": "see through"}
+_KEYS = {
+    "space": "pause",
+    "N": "one step",
+    "R": "reset",
+    "F": "follow",
+    "X": "see through",
+    "1 to 5": "see a push again",
+}
 _ARROWS = {
     "arrowup": ("Push away from the viewer", 0, 1),
     "arrowdown": ("Push towards the viewer", 0, -1),
@@ -59,6 +67,9 @@ class Actions(Protocol):
     def set_num_robots(self, num_robots: int) -> None:
         """Begin anew with another number of robots."""
 
+    def see_again(self, number: int) -> None:
+        """Show what the watched robot did at one of the last deeds, 0 for the newest."""
+
     def set_see_through(self, see_through: bool) -> None:
         """Draw the robots such that the marks inside are seen, or not."""
 
@@ -79,6 +90,9 @@ class Controls:
         gui: where the panel is made.
         actions: who does what is asked for.
         folders: whose runs and policy files are offered.
+
+    Attributes:
+        last_pushes: where a phone shows what was pushed.
     """
 
     def __init__(self, gui: viser.GuiApi, actions: Actions, folders: Sequence[Path]):
@@ -88,6 +102,7 @@ class Controls:
         self._first_policy = actions.source.name
         with gui.add_folder("Push"):
             self._add_pushes(actions.player.session.robot)
+        self.last_pushes = gui.add_html("")
         with gui.add_folder("Policy and robots"):
             self._add_policy()
             self._add_conditions()
@@ -193,7 +208,7 @@ class Controls:
             player.do(lambda session: setattr(session, "stands_up", bool(stands_up.value)))
 
     def _offered(self) -> tuple[str, ...]:
-        return offered_policies(self._folders, self._first_policy)
+        return offered_policies(self._actions.player.session.robot, self._folders, self._first_policy)
 
     def _add_time(self) -> None:
         actions, gui = self._actions, self._gui
@@ -246,6 +261,13 @@ class Controls:
         gui.add_command("Reset", hotkey="R").on_trigger(lambda _: actions.reset())
         gui.add_command("Camera follows", hotkey="F").on_trigger(lambda _: _toggle(self._follow))
         gui.add_command("See through", hotkey="X").on_trigger(lambda _: _toggle(self._see_through))
+        for place in range(SHOWN):
+            self._see_again_by(gui, place)
+
+    def _see_again_by(self, gui: viser.GuiApi, number: int) -> None:
+        which = "the last push" if number == 0 else f"push {number + 1} of the last ones"
+        command = gui.add_command(f"See {which} again", hotkey=str(number + 1))  # type: ignore[arg-type] # a digit
+        command.on_trigger(lambda _: self._actions.see_again(number))
 
     def _push_by(self, command: viser.CommandHandle, right: int, away: int) -> None:
         @command.on_trigger

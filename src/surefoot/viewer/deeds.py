@@ -45,13 +45,18 @@ class Deeds:
         """Go through them, the newest first."""
         return iter(list(self._deeds))
 
+    @property
+    def newest(self) -> Deed | None:
+        """The last deed."""
+        return self._deeds[0] if self._deeds else None
+
     def begin(self, words: str) -> None:
         """Something is done now."""
         self._deeds.appendleft(Deed(words))
 
     def pull(self, force: float) -> None:
         """A hand pulls with a force [N]; one deed until its robot has recovered or fallen."""
-        latest = self._deeds[0] if self._deeds else None
+        latest = self.newest
         if latest is None or not latest.force or latest.verdict:
             self.begin("")
             latest = self._deeds[0]

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from surefoot.rates import POLICY_HZ
-from surefoot.viewer.session import Session
+from surefoot.viewer.playback import Shown
 
 SECONDS = 6.0
 """How far the curves look back."""
@@ -37,9 +37,9 @@ class History:
         self._rows.clear()
         self.peak_torque = np.zeros(0)
 
-    def add(self, session: Session, robot: int) -> None:
-        """Remember the last tick of the session's last step, and the torques of all of it."""
-        ticks = session.ticks
+    def add(self, shown: Shown, robot: int) -> None:
+        """Remember the last tick of the last step that is shown, and the torques of all of it."""
+        ticks = shown.ticks
         last = ticks[robot : robot + 1].ticks(slice(-1, None))
         center, forward = last.sole_position[0, 0, :, :2].mean(axis=0), last.heading[0, 0]
 

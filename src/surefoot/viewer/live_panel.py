@@ -16,7 +16,7 @@ from surefoot.robots import Robot
 from surefoot.viewer.history import SECONDS, History
 from surefoot.viewer.marks import CAPTURED, COM, ESCAPED, FORCE, PRESSURE, PUSH, STATE_COLORS, SUPPORT
 from surefoot.viewer.markup import render
-from surefoot.viewer.session import Session
+from surefoot.viewer.playback import Shown
 from surefoot.viewer.verdict import State
 
 _COM_INK, _CAPTURE_INK, _EDGE_INK = "#d99a00", "#1f9d55", "#9aa7b8"
@@ -71,11 +71,14 @@ class LivePanel:
     Args:
         server: whose panel it is.
         robot: which is shown.
+        phone: where the verdict and the last pushes stand on a phone, which does not show this panel.
     """
 
-    def __init__(self, server: viser.ViserServer, robot: Robot):
+    def __init__(self, server: viser.ViserServer, robot: Robot, phone: Sequence[viser.GuiHtmlHandle]):
         gui = server.gui
+        self._phone, self._phone_deeds = phone
         self._status = gui.add_html("")
+        self._deeds = gui.add_html("")
         self._plots: dict[tuple[str, ...], viser.GuiUplotHandle] = {}
         self._usual: dict[tuple[str, ...], float] = {}
         self._limits: dict[tuple[str, ...], float] = {}
@@ -86,15 +89,18 @@ class LivePanel:
             self._plots[columns] = _add_plot(gui, plot)
             self._usual[columns] = self._limits[columns] = plot.limit
         self._torques = gui.add_html("")
-        gui.add_html(legend_html())
 
-    def show(self, session: Session, history: History, watched: int, policy: str, rates: str) -> None:
+    def show(self, shown: Shown, history: History, watched: int, policy: str, rates: str) -> None:
         """Bring everything up to date; `policy` and `rates` are a line each."""
-        self._status.content = status_html(session, watched, policy, rates)
+        verdict = verdict_values(shown, watched)
+        self._status.content = render("status", **verdict, policy=policy, rates=rates)
+        self._phone.content = render("phone", **verdict)
+        self._deeds.content = deeds = render("deeds", deeds=list(shown.deeds))
+        self._phone_deeds.content = f'<div data-surefoot="phone">{deeds}</div>'
         for columns, plot in self._plots.items():
             plot.data = history.columns(*columns)
             self._fit(columns, plot)
-        self._torques.content = torques_html(session.robot, session.ticks, watched, history.peak_torque)
+        self._torques.content = torques_html(shown.robot, shown.ticks, watched, history.peak_torque)
 
     def _fit(self, columns: tuple[str, ...], plot: viser.GuiUplotHandle) -> None:
         """Double the range of a plot until its curves fit into it, and halve it again when they have passed."""
@@ -116,29 +122,25 @@ def fitting_limit(usual: float, data: Sequence[np.ndarray]) -> float:
     return usual * 2.0 ** max(0, math.ceil(math.log2(max(largest / usual, 1.0))))
 
 
-def status_html(session: Session, watched: int, policy: str, rates: str) -> str:
-    """The verdict on the watched robot, how it keeps its balance, and the count; as HTML."""
-    verdicts = session.verdicts
+def verdict_values(shown: Shown, watched: int) -> dict[str, object]:
+    """The verdict on the watched robot, how it keeps its balance, and the count, for a template."""
+    verdicts = shown.verdicts
     state = State(verdicts.state[watched])
     word, detail = _WORDS[state]
     counts = [(int((verdicts.state == s).sum()), _WORDS[s][0].lower(), STATE_COLORS[s]) for s in State]
-    return render(
-        "status",
-        color=STATE_COLORS[state],
-        word=word,
-        detail=_hand_words(session, watched) or session.strategies(watched) or detail,
-        deeds=list(session.deeds),
-        recovered=verdicts.recovered,
-        fallen=verdicts.fallen,
-        crowd=[count for count in counts if count[0]] if session.num_robots > 1 else [],
-        policy=policy,
-        rates=rates,
-    )
+    return {
+        "color": STATE_COLORS[state],
+        "word": word,
+        "detail": _hand_words(shown, watched) or shown.strategies(watched) or detail,
+        "recovered": verdicts.recovered,
+        "fallen": verdicts.fallen,
+        "crowd": [count for count in counts if count[0]] if shown.num_robots > 1 else [],
+    }
 
 
-def _hand_words(session: Session, watched: int) -> str:
+def _hand_words(shown: Shown, watched: int) -> str:
     """How strongly a hand pulls at the watched robot."""
-    force = session.hand_force(watched)
+    force = shown.hand_force(watched)
     return f"held by hand with {force:.0f} N" if force else ""
 
 

@@ -18,12 +18,14 @@ from surefoot.viewer.controls import Controls
 from surefoot.viewer.filming import Filming
 from surefoot.viewer.guard import Guard
 from surefoot.viewer.history import History
-from surefoot.viewer.live_panel import LivePanel
+from surefoot.viewer.live_panel import LivePanel, legend_html
 from surefoot.viewer.markup import render
+from surefoot.viewer.playback import Kept, Playback, Shown, Takes
 from surefoot.viewer.player import Player
 from surefoot.viewer.server import add_key_light, camera_place, check_port, start_server, stop_server
 from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource
+from surefoot.viewer.verdict import State
 
 PORT = 8080
 _HAND_STIFFNESS = 0.66
@@ -68,6 +70,7 @@ class Page:
         self.see_through = False
         self.history = History()
         self.clip = ClipRecorder()
+        self.takes = Takes()
         self._scale = scale_of(session.robot)
         self._is_pushed = False
         self._last_panel = self._last_poll = 0.0
@@ -76,6 +79,7 @@ class Page:
         self.server = start_server(host, port, self.guard)
         camera = self.server.initial_camera
         camera.position, camera.look_at = camera_place(num_robots, self._scale)
+        self._last_shown: Shown = session
         self.player = Player(session, self._show, lambda: bool(self.server.get_clients()), self._remember)
         self.scene = self._build_scene(session)
         self._build_panels(folders)
@@ -105,18 +109,14 @@ class Page:
 
         def rebuild(old: Session) -> None:
             session = Session(old.policy, num_robots)
+            session.deeds = old.deeds
             session.stands_up = old.stands_up
             session.set_noise(old.noise)
             if old.friction != old.robot.friction:
                 session.set_friction(old.friction)
             self.watched = 0
-            self.history.clear()
-            self.scene.remove()
-            self.player.session = session
-            self.scene = self._build_scene(session)
+            self.player.session, self.player.playback = session, None
             self.follow = num_robots == 1
-            for client in self.server.get_clients().values():
-                client.camera.position, client.camera.look_at = camera_place(num_robots, self._scale)
 
         self.player.do(rebuild)
 
@@ -124,11 +124,7 @@ class Page:
         """Draw the robots such that the marks inside are seen, or not."""
         self.see_through = see_through
 
-        def rebuild(session: Session) -> None:
-            self.scene.remove()
-            self.scene = self._build_scene(session)
-
-        self.player.do(rebuild)
+        self.player.do(lambda session: self._rebuild_scene(self.player.shown))
 
     def set_source(self, name: str) -> None:
         """Go on with another policy; one that cannot be had is reported, and the old one goes on."""
@@ -150,14 +146,47 @@ class Page:
 
         def disturb(session: Session) -> None:
             self._is_pushed, self._hint.visible = True, False
+            self.player.playback = None
             action(session)
 
         self.player.do(disturb)
 
     def reset(self) -> None:
         """Put all robots back to their places."""
-        self.history.clear()
-        self.player.do(lambda session: session.reset())
+
+        def do(session: Session) -> None:
+            self.history.clear()
+            self.player.playback = None
+            session.reset()
+
+        self.player.do(do)
+
+    def see_again(self, number: int) -> None:
+        """Show what the watched robot did at one of the last deeds, 0 for the newest; the live robots wait for it."""
+
+        def play(session: Session) -> None:
+            deeds = list(session.deeds)
+            take = self.takes.of(deeds[number]) if number < len(deeds) else ()
+            if not take:
+                raise UserError(f"push number {number + 1} has not been seen yet" if deeds else "nobody has pushed yet")
+            self.player.playback = Playback(take, session, deeds[number].words)
+
+        self.player.do(play)
+
+    def show_trial(self, words: str, take: list[Kept]) -> None:
+        """List a trial, as `playback.take_of` returns it, among the last pushes, and play it."""
+
+        def play(session: Session) -> None:
+            session.deeds.begin(words)
+            is_recovered = take[-1].state == State.RECOVERED
+            session.deeds.count(int(is_recovered), int(not is_recovered), take[-1].words)
+            self._is_pushed, self._hint.visible = True, False
+            deed = session.deeds.newest
+            assert deed
+            self.takes.keep(deed, take)
+
+        self.player.do(play)
+        self.see_again(0)
 
     def send_clip(self, client: viser.ClientHandle) -> None:
         """Give a browser the last seconds as a film, drawn by another process; one at a time."""
@@ -178,14 +207,15 @@ class Page:
 
     # What the player shows.
 
-    def _show(self, session: Session, tick: int) -> None:
-        self.scene.draw(session, tick, self.watched, self.follow)
+    def _show(self, shown: Shown, tick: int) -> None:
+        if shown is not self._last_shown:
+            self._turn_to(shown)
+        session, watched = self.player.session, self._watched_of(shown)
+        self.scene.draw(shown, tick, watched, self.follow or shown is not session)
         now = time.monotonic()
         if now - self._last_panel > 1.0 / _PANEL_HZ:
             self._last_panel = now
-            words = (self.source.policy.name, self.source.description)
-            policy = " · ".join(word for word in words if word)
-            self.live.show(session, self.history, self.watched, policy, self._rates())
+            self.live.show(shown, self.history, watched, self._policy_words(shown), self._rates())
             if session.message:
                 self.tell(session.message, "surefoot", "red")
                 session.message = ""
@@ -193,9 +223,29 @@ class Page:
             self._last_poll = now
             self._look_for_news(session)
 
-    def _remember(self, session: Session) -> None:
-        self.history.add(session, self.watched)
-        self.clip.add(session, self.watched)
+    def _turn_to(self, shown: Shown) -> None:
+        """Show the live robots, or a playback, in the place of the other."""
+        self._last_shown = shown
+        self.history.clear()
+        if shown.num_robots != self.scene.num_robots:
+            self._rebuild_scene(shown)
+            for client in self.server.get_clients().values():
+                client.camera.position, client.camera.look_at = camera_place(shown.num_robots, self._scale)
+
+    def _watched_of(self, shown: Shown) -> int:
+        return min(self.watched, shown.num_robots - 1)
+
+    def _policy_words(self, shown: Shown) -> str:
+        if isinstance(shown, Playback):
+            return f"seen again: {shown.words}. A push or Reset goes back to the live robots"
+        return " · ".join(word for word in (self.source.policy.name, self.source.description) if word)
+
+    def _remember(self, shown: Shown) -> None:
+        watched = self._watched_of(shown)
+        self.history.add(shown, watched)
+        self.clip.add(shown, watched)
+        if isinstance(shown, Session):
+            self.takes.add(shown, watched)
 
     def _rates(self) -> str:
         player = self.player
@@ -214,11 +264,15 @@ class Page:
 
     # How the page is made.
 
-    def _build_scene(self, session: Session) -> BrowserScene:
+    def _rebuild_scene(self, shown: Shown) -> None:
+        self.scene.remove()
+        self.scene = self._build_scene(shown)
+
+    def _build_scene(self, shown: Shown) -> BrowserScene:
         with self.server.atomic():
-            scene = BrowserScene(self.server, session.robot, session.num_robots, self.see_through)
-            add_key_light(self.server, session.num_robots, self._scale)
-            self._hint = scene.add_hint("" if self._is_pushed else _HINT_CROWD if session.num_robots > 1 else _HINT)
+            scene = BrowserScene(self.server, shown.robot, shown.num_robots, self.see_through)
+            add_key_light(self.server, shown.num_robots, self._scale)
+            self._hint = scene.add_hint("" if self._is_pushed else _HINT_CROWD if shown.num_robots > 1 else _HINT)
         for body, handle in scene.bodies.items():
             self._listen(body, handle)
         return scene
@@ -227,9 +281,11 @@ class Page:
         @handle.on_drag
         async def _(event: viser.SceneNodeDragEvent[Any]) -> None:
             robot = event.instance_index or 0
-            if robot >= self.player.session.num_robots:
+            if robot >= self.player.shown.num_robots:
                 return
+            robot = self.watched if self.player.playback else robot
             force = self._hand_force(np.subtract(event.end_position, event.start_position))
+            self._watch(robot)
             if event.phase == "end":
                 self.player.do(lambda session: session.release(robot))
             else:
@@ -237,10 +293,13 @@ class Page:
 
         @handle.on_click
         async def _(event: viser.SceneNodePointerEvent[Any]) -> None:
-            robot = event.instance_index or 0
-            if robot != self.watched and robot < self.player.session.num_robots:
-                self.watched = robot
-                self.history.clear()
+            if not self.player.playback:
+                self._watch(event.instance_index or 0)
+
+    def _watch(self, robot: int) -> None:
+        if robot != self.watched and robot < self.player.session.num_robots:
+            self.watched = robot
+            self.history.clear()
 
     def _hand_force(self, stretch: np.ndarray) -> np.ndarray:
         """The force (3,) [N] of a hand that is away (3,) [m] from where it took hold."""
@@ -252,10 +311,12 @@ class Page:
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(226, 88, 24), control_width="medium")
         gui.add_html(render("page_script"))
+        verdict = gui.add_html("")
         self.controls = Controls(gui, self, folders)
+        gui.add_html(legend_html())
         gui.main_panel.dock_right()
         panel = gui.add_panel()
         with panel.add_tab("Live", viser.Icon.ACTIVITY):
-            self.live = LivePanel(self.server, self.player.session.robot)
+            self.live = LivePanel(self.server, self.player.session.robot, (verdict, self.controls.last_pushes))
         panel.dock_left()
         panel.set_width(340)

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from surefoot.checks import check_number
 from surefoot.errors import UserError
 from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
+from surefoot.viewer.playback import Playback, Shown
 from surefoot.viewer.session import Session
 
 MAX_BEHIND = 3
@@ -30,11 +31,13 @@ class Player:
 
     Args:
         session: what is played.
-        show: called for every frame with the session and the tick of its last step to show.
+        show: called for every frame with what is shown and the tick of its last step to show.
         is_watched: does anybody look? Nothing is simulated meanwhile if not.
-        on_step: called with the session after every policy step.
+        on_step: called with what is shown after every policy step.
 
     Attributes:
+        session: the robots that live on.
+        playback: what is shown in their place, while they wait; none most of the time.
         paused: by the user.
         real_time: share of `speed` that was reached over the last second.
         frame_rate: frames per second over the last second.
@@ -43,11 +46,12 @@ class Player:
     def __init__(
         self,
         session: Session,
-        show: Callable[[Session, int], None],
+        show: Callable[[Shown, int], None],
         is_watched: Callable[[], bool],
-        on_step: Callable[[Session], None] = lambda session: None,
+        on_step: Callable[[Shown], None] = lambda shown: None,
     ):
         self.session = session
+        self.playback: Playback | None = None
         self.paused = False
         self._speed = 1.0
         self.real_time = 1.0
@@ -77,6 +81,11 @@ class Player:
     def frames_per_second(self) -> int:
         """The frame rate that is aimed at."""
         return 50 if self.session.num_robots <= FEW else 25
+
+    @property
+    def shown(self) -> Shown:
+        """What the page shows now."""
+        return self.playback or self.session
 
     @property
     def is_alive(self) -> bool:
@@ -110,12 +119,15 @@ class Player:
             while self._position >= TICKS_PER_STEP and steps < MAX_BEHIND:
                 self._step()
                 steps += 1
-        self._show(self.session, min(int(self._position), len(self.session.ticks) - 1))
+        shown = self.shown
+        self._show(shown, min(int(self._position), len(shown.ticks) - 1))
         return steps
 
     def _step(self) -> None:
-        self.session.step()
-        self._on_step(self.session)
+        if self.playback and self.playback.is_over:
+            self.playback = None
+        self.shown.step()
+        self._on_step(self.shown)
         self._position = TICKS_PER_STEP - 1.0 if self.paused else max(self._position - TICKS_PER_STEP, 0.0)
 
     def _do_what_was_asked(self) -> None:

@@ -200,7 +200,7 @@ class Session:
     def strategies(self, robot: int) -> str:
         """How a robot keeps its balance since its disturbance began, or did at the last one, in words."""
         if self.verdicts.state[robot] in (State.RECOVERING, State.FELL):
-            return _words(self._watch, robot)
+            return strategy_words(self._watch, robot)
         return self._told[robot]
 
     def is_pushed(self) -> bool:
@@ -221,11 +221,11 @@ class Session:
         self.verdicts.update(self.ticks, self.loop.tick, diverged)
         recovered = np.flatnonzero((self.verdicts.state == State.RECOVERED) & (before != State.RECOVERED))
         fell = np.flatnonzero((self.verdicts.state == State.FELL) & (before != State.FELL))
-        how = _words(self._watch, int([*fell, *recovered][-1])) if len(fell) + len(recovered) else ""
+        how = strategy_words(self._watch, int([*fell, *recovered][-1])) if len(fell) + len(recovered) else ""
         self.deeds.count(len(recovered), len(fell), how)
         if len(recovered):
             for robot in recovered.tolist():
-                self._told[robot] = _words(self._watch, robot) or "without any strategy worth a name"
+                self._told[robot] = strategy_words(self._watch, robot) or "without any strategy worth a name"
             self._watch.reset(recovered, self.ticks[recovered].ticks(slice(-1, None)))
             self._begin[recovered] = NEVER
 
@@ -258,6 +258,7 @@ class Session:
             self.message = f"policy {self.policy.name} {words}; the joints hold their last targets"
 
 
-def _words(watch: StrategyWatch, robot: int) -> str:
+def strategy_words(watch: StrategyWatch, robot: int) -> str:
+    """The strategies that a robot has used since its disturbance began; empty without any."""
     words = str(watch.strategies(robot))
     return "" if words == "none" else words

@@ -23,6 +23,7 @@ class PolicySource:
         name: as a user gives it.
         robot: whose nominal pose is meant, and whose policies are accepted; the shipped policies' robot, and any,
             without it.
+        policy: the policy of this name, if it is at hand; it is not read again then.
 
     Attributes:
         policy: the newest; the nominal pose while a run has none yet.
@@ -32,14 +33,14 @@ class PolicySource:
         UserError: there is no such policy, or it cannot be run.
     """
 
-    def __init__(self, name: str, robot: Robot | None = None):
+    def __init__(self, name: str, robot: Robot | None = None, policy: Agent | None = None):
         self._robot = robot
         self.name = name
         self.is_waiting = False
         is_known = name == NOMINAL or name in shipped_policies() or is_controller(name)
-        self._path = None if is_known else Path(name)
+        self._path = None if is_known or policy else Path(name)
         self._seen = self._stamp()
-        self.policy = self._load()
+        self.policy = policy or self._load()
 
     def refresh(self) -> bool:
         """Read the policy again if its file has changed; was there news?
@@ -98,10 +99,14 @@ class PolicySource:
         return policy
 
 
-def offered_policies(folders: Sequence[Path], *more: str) -> tuple[str, ...]:
-    """Names to choose from: shipped ones, the nominal pose, run folders and policy files in `folders`, and `more`."""
+def offered_policies(robot: Robot, folders: Sequence[Path], *more: str) -> tuple[str, ...]:
+    """Names to choose from: shipped ones for the robot, the nominal pose, what is in `folders`, and `more`.
+
+    Of the folders, run folders and policy files are offered.
+    """
+    shipped = shipped_policies() if robot.fingerprint == usual_robot().fingerprint else ()
     found = sorted(str(path) for folder in folders if folder.is_dir() for path in folder.iterdir() if _is_policy(path))
-    return tuple(dict.fromkeys([*shipped_policies(), NOMINAL, *found, *more]))
+    return tuple(dict.fromkeys([*shipped, NOMINAL, *found, *more]))
 
 
 def _is_policy(path: Path) -> bool:
