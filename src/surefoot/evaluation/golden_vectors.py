@@ -20,11 +20,11 @@ from surefoot.task import observation
 from surefoot.task.control_loop import ControlLoop
 from surefoot.whole_file import write_whole
 
-NUM_STEPS = 25
-"""Policy steps of the run: one second."""
-PUSH_NS, PUSH_ANGLE_DEG, PUSH_STEP = 90.0, 60.0, 5
-"""A push between forward and left at the root for the paper's robot, in proportion to the mass for others, and the
-policy step at which it begins."""
+NUM_STEPS = 50
+"""Policy steps of the run: two seconds."""
+PUSHES = ((5, 90.0, 60.0), (30, 700.0, 200.0))
+"""Pushes at the root: the policy step at which one begins, its impulse [Ns] for the paper's robot, in proportion to the
+mass for others, and its direction [deg]. The second one takes joints to their speed limits and actions beyond theirs."""
 _START = 0.02
 """Start angles differ from the nominal pose by up to this [rad], so that the first path has a way to go."""
 _STATE = {
@@ -62,7 +62,7 @@ class GoldenVectors:
 
 
 def golden_vectors(policy: NetworkAgent) -> GoldenVectors:
-    """Run a policy for a second in its nominal pose, with a push, and keep every number on its way.
+    """Run a policy for two seconds in its nominal pose, with two pushes, and keep every number on its way.
 
     The columns are `tick`, the state, `foot_force.*` [N], `observation.*` and `filtered.*` in the order and the units
     of the contract, `action.*` (of the policy step, not clipped), `target.*` of the motors [rad] and `torque.*` [Nm].
@@ -86,9 +86,10 @@ def golden_vectors(policy: NetworkAgent) -> GoldenVectors:
 
 
 def _push(loop: ControlLoop, robot: Robot) -> None:
-    push = horizontal_push("root", PUSH_ANGLE_DEG, PUSH_NS * robot.mass_scale)
-    impulse, tick = push.impulse * np.array(push.direction), PUSH_STEP * TICKS_PER_STEP
-    loop.pushes.schedule(np.array([0]), 0, robot.body_id(push.body), impulse, tick, push.duration)
+    for slot, (step, impulse, angle) in enumerate(PUSHES):
+        push, tick = horizontal_push("root", angle, impulse * robot.mass_scale), step * TICKS_PER_STEP
+        wrench = push.impulse * np.array(push.direction)
+        loop.pushes.schedule(np.array([0]), slot, robot.body_id(push.body), wrench, tick, push.duration)
 
 
 def _actions(policy: NetworkAgent, seen: np.ndarray) -> np.ndarray:

@@ -11,9 +11,10 @@ from surefoot.robots.robot import Robot
 
 
 def data_sheet(robot: Robot) -> dict[str, Any]:
-    """Return joints, points, masses and motors of a robot; docs/policy-file.md explains each key."""
+    """Return joints, bodies, points, masses and motors of a robot; docs/policy-file.md explains each key."""
     model = robot.model()
     return {
+        "bodies": [_body(model, number) for number in range(1, model.nbody)],
         "joints": [_joint(robot, model, name) for name in robot.joint_names],
         "held_joints": dict(robot.held_joints),
         "root": robot.root,
@@ -22,6 +23,19 @@ def data_sheet(robot: Robot) -> dict[str, Any]:
         "mass": robot.mass,
         "gravity": robot.gravity,
         "motors": {"stall_torque_ratio": STALL},
+    }
+
+
+def _body(model: mujoco.MjModel, number: int) -> dict[str, Any]:
+    """Where a body lies in its parent with all joints at zero, and what it weighs."""
+    body = model.body(number)
+    return {
+        "name": body.name,
+        "parent": model.body(int(body.parentid[0])).name,
+        "place": body.pos.tolist(),
+        "quaternion": body.quat.tolist(),
+        "mass": float(body.mass[0]),
+        "centre_of_mass": body.ipos.tolist(),
     }
 
 
