@@ -116,7 +116,7 @@ screenshots: $(READY)
 	$(BIN)/python docs/screenshots.py
 	$(BIN)/surefoot video ddpg --out docs/pictures/push.gif --impulse 300 --begin -0.3 --end 2.6 --size 480 360 --fps 12.5
 
-# 100,000 damaged files of every format, an hour at most.
+# 100,000 damaged files of every format; after an hour it stops, and the same call goes on.
 fuzz: $(READY)
 	PYTHONPATH=tests $(BIN)/python tests/fuzz.py
 

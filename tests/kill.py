@@ -127,7 +127,7 @@ def _run(work: Callable[[], None], told: Told, point: WritePoint | None, seconds
     os.close(writing)
     if seconds is not None and point is None:
         time.sleep(seconds)
-        os.kill(child, signal.SIGKILL)
+        told.kill(child)
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     with open(reading, "rb") as stream:
         error = stream.read().decode() if status != -signal.SIGKILL else ""
@@ -135,8 +135,7 @@ def _run(work: Callable[[], None], told: Told, point: WritePoint | None, seconds
 
 
 def _checked(work: Work, folder: Path, told: Told) -> Loss:
-    now = time.monotonic()
-    found = _asked(lambda: work.check(folder, told, now))
+    found = _asked(lambda: work.check(folder, told))
     return found if isinstance(found, Loss) else Loss(0, 0.0, found)
 
 

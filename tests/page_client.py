@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import socket
 from types import TracebackType
 from typing import Any
 
@@ -26,14 +27,24 @@ CAMERA = {
 }
 
 
-def dial(address: str, origin: str | None = None, **headers: str) -> ClientConnection:
-    """A websocket to the page at `address`, opened as by a page of `origin`; raises InvalidStatus if it is refused."""
+def dial(address: str, origin: str | None = None, num_bytes: int = 0, /, **headers: str) -> ClientConnection:
+    """A websocket to the page at `address`, opened as by a page of `origin`; raises InvalidStatus if it is refused.
+
+    The system keeps `num_bytes` of what it hears, as many as it likes if 0.
+    """
     place, _, query = address.removeprefix("http://").partition("/")
+    line = socket.socket()
+    if num_bytes:
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, num_bytes)
+    host, _, port = place.partition(":")
+    line.connect((host, int(port)))
     return connect(
         f"ws://{place}/{query}",
         origin=f"http://{place}" if origin is None else origin,  # type: ignore[arg-type]
         subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
         additional_headers=headers,
+        sock=line,
+        max_queue=1,
         max_size=None,
         compression=None,
         open_timeout=60.0,
@@ -43,7 +54,7 @@ def dial(address: str, origin: str | None = None, **headers: str) -> ClientConne
 
 
 class PageClient:
-    """A viewer of the page.
+    """A viewer of the page, of whose messages the system keeps `buffer` bytes.
 
     Attributes:
         controls: label of a control -> its uuid.
@@ -52,12 +63,12 @@ class PageClient:
         num_bytes: that were heard.
     """
 
-    def __init__(self, address: str):
+    def __init__(self, address: str, buffer: int = 0):
         self.controls: dict[str, str] = {}
         self.values: dict[str, Any] = {}
         self.notes: list[str] = []
         self.num_bytes = 0
-        self._websocket = dial(address)
+        self._websocket = dial(address, None, buffer)
         self.send(**CAMERA)
 
     def send(self, **message: Any) -> None:

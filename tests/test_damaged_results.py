@@ -7,6 +7,7 @@ import csv
 import io
 import os
 import sqlite3
+import threading
 import time
 from pathlib import Path
 
@@ -125,6 +126,21 @@ def test_a_trial_is_safe_half_a_second_after_it_came_even_if_no_other_comes(tmp_
     while (found := _num_trials(path)) == 0 and time.monotonic() < deadline:
         time.sleep(0.02)
     assert found == 1  # as another process sees it: what a kill would leave
+    results.close()
+
+
+def test_outcomes_are_safe_even_if_the_thread_that_commits_gets_no_turn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(threading.Timer, "start", lambda timer: None)
+    path, agent, came = tmp_path / "r.sqlite", NominalAgent(usual_robot()), list[float]()
+    results = Results(path)
+    store = results.trials_of(agent)
+    while len(came) < 12 or came[-1] - came[0] < 0.6:
+        came.append(time.monotonic())
+        store.put(Trial(seed=len(came)), an_outcome())
+        assert _num_trials(path) >= sum(at < time.monotonic() - 0.5 for at in came)
+        time.sleep(0.05)
     results.close()
 
 

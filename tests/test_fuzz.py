@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from fuzzing import formats, mutations, policy_formats
 from fuzzing.formats import FORMATS
-from fuzzing.run import ACCEPTED, CLEAN, run_case
+from fuzzing.run import ACCEPTED, CLEAN, Tally, cases, run_case, run_guarded
 
 NUMBERS = {
     "robot.toml": 25,
@@ -48,3 +48,13 @@ def test_a_case_is_the_same_whatever_was_run_before() -> None:
     first = [damaged(seed) for seed in range(300)]
     assert [damaged(seed) for seed in range(300)] == first
     assert len(set(first)) > 200
+
+
+def test_a_campaign_that_was_stopped_goes_on_with_its_next_case(tmp_path: Path) -> None:
+    kept = tmp_path / "fuzz.json"
+    run_guarded(5, 0.0, Tally(kept))  # stopped after the first case
+    assert Tally(kept).next == 1
+    run_guarded(5, 1.0, Tally(kept))
+    tally = Tally(kept)
+    assert tally.next == sum(counts.total() for counts in tally.found.values()) == 5
+    assert list(tally.found) == list(dict.fromkeys(name for name, _ in cases(5)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import contextlib
 import io
+import json
 import logging
 import multiprocessing
 import os
@@ -15,9 +16,11 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
+
+from surefoot.whole_file import write_whole
 
 CLEAN, ACCEPTED, TRACEBACK, HANG, CRASH, CODE, LARGE = (
     "clean errors", "accepted", "tracebacks", "hangs", "crashes", "code executed", "above 1 GB",
@@ -78,31 +81,56 @@ def cases(number: int, first: int = 0) -> Iterator[Case]:
         yield wheel[i % len(wheel)], i
 
 
-def run_guarded(todo: Iterable[Case], seconds: float) -> dict[str, collections.Counter[str]]:
-    """Run cases in a process of their own, which is replaced when a case hangs or kills it; prints what goes wrong.
+class Tally:
+    """What became of cases, kept in a file from minute to minute, so that the next call goes on after them.
 
-    Returns:
-        By format, how many cases ended how.
+    Attributes:
+        found: by format, how many cases ended how.
+        next: number of the case that comes next.
+        seconds: time that all have taken.
     """
-    found: dict[str, collections.Counter[str]] = collections.defaultdict(collections.Counter)
-    worker, deadline = _Worker(), time.monotonic() + seconds
-    began = told = time.monotonic()
-    for count, case in enumerate(todo):
+
+    def __init__(self, path: Path):
+        self._path = path
+        self.found: dict[str, collections.Counter[str]] = collections.defaultdict(collections.Counter)
+        self.next, self.seconds = 0, 0.0
+        if path.exists():
+            kept = json.loads(path.read_text())
+            self.next, self.seconds = kept["next"], kept["seconds"]
+            self.found.update({name: collections.Counter(counts) for name, counts in kept["found"].items()})
+
+    def keep(self) -> None:
+        """Write the file."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        kept = {"next": self.next, "seconds": self.seconds, "found": self.found}
+        write_whole(self._path, json.dumps(kept).encode())
+
+
+def run_guarded(last: int, minutes: float, tally: Tally) -> None:
+    """Run the cases up to a number in a process of their own, which is replaced when a case hangs or kills it.
+
+    Prints what goes wrong, and ends early after so many minutes.
+    """
+    worker, told, before = _Worker(), time.monotonic(), tally.seconds
+    began = told
+    for case in cases(last - tally.next, tally.next):
         outcome, words = worker.run(case)
         if outcome in (HANG, CRASH):
             worker.kill()
             worker = _Worker()
-        found[case[0]][outcome] += 1
+        tally.found[case[0]][outcome] += 1
         if outcome not in (CLEAN, ACCEPTED):
             print(f"{case}: {outcome}: {words}", file=sys.stderr, flush=True)
         now = time.monotonic()
+        tally.next, tally.seconds = case[1] + 1, before + now - began
         if now > told + 60.0:
             told = now
-            print(f"{count + 1} cases in {now - began:.0f} s", file=sys.stderr, flush=True)
-        if now > deadline:
+            tally.keep()
+            print(f"{tally.next} cases in {tally.seconds:.0f} s", file=sys.stderr, flush=True)
+        if now > began + 60.0 * minutes:
             break
     worker.kill()
-    return found
+    tally.keep()
 
 
 class _Worker:

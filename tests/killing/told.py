@@ -31,6 +31,7 @@ class Told:
 
     Attributes:
         puts: when outcomes of trials were handed to the results table, by the monotonic clock [s].
+        killed_at: when the process was ended, by the same clock [s].
     """
 
     def __init__(self) -> None:
@@ -49,6 +50,13 @@ class Told:
     committed_at = property(lambda self: float(self._numbers[5]))
     num_puts = property(lambda self: int(self._numbers[6]))
 
+    killed_at = property(lambda self: float(self._numbers[7]))
+
+    def kill(self, process: int) -> None:
+        """End a process, and tell when."""
+        self._numbers[7] = time.monotonic()
+        os.kill(process, signal.SIGKILL)
+
     def step(self, steps: int) -> None:
         """So many policy steps have been made."""
         self._numbers[1] = steps
@@ -57,9 +65,9 @@ class Told:
         """A checkpoint is in place."""
         self._numbers[2:6] = steps, rows, best, time.monotonic()
 
-    def put(self) -> None:
-        """The outcome of a trial was handed over."""
-        self.puts[self.num_puts] = time.monotonic()
+    def put(self, at: float) -> None:
+        """The outcome of a trial was handed over, from a time on [s]."""
+        self.puts[self.num_puts] = at
         self._numbers[6] += 1
 
     def watch_writes(self, point: WritePoint | None) -> None:
@@ -68,7 +76,7 @@ class Told:
         def pass_by(phase: str) -> None:
             self._numbers[0] += phase == PHASES[0]
             if point and self.num_writes == point.number and phase == point.phase:
-                os.kill(os.getpid(), signal.SIGKILL)
+                self.kill(os.getpid())
 
         def around(write: Callable[..., Any]) -> Callable[..., Any]:
             def watched(*arguments: Any) -> Any:

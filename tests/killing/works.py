@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sqlite3
+import time
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -31,6 +32,8 @@ from surefoot.learning.validation import Validation
 
 ALGORITHMS = ("ppo", "ddpg", "trpo")
 STEPS, VALIDATION_STEPS, CHECKPOINT_S = 960, 320, 0.1
+PROMISE_S = 0.5
+"""An outcome is safe from a kill so long after it came [s]."""
 MANY = tuple(
     Scenario(f"push_{impulse:g}", search="", directions=4, impulse=impulse, trials=4, horizon=2.0, quiet_from=0.0)
     for impulse in (12.0, 60.0, 120.0)
@@ -58,13 +61,13 @@ class Work(NamedTuple):
     Attributes:
         unit: of what is lost.
         run: does it in a folder, or goes on with it, and tells how far it is.
-        check: what is lost after a kill at a time [s].
+        check: what is lost by a kill.
         finish: faults of the whole when it is done.
     """
 
     unit: str
     run: Callable[[Path, Told, int], None]
-    check: Callable[[Path, Told, float], Loss]
+    check: Callable[[Path, Told], Loss]
     finish: Callable[[Path], list[str]]
 
 
@@ -100,7 +103,7 @@ def train(folder: Path, told: Told, number: int) -> None:
     go_on(dataclasses.replace(tiny(ALGORITHMS[number % 3]), steps=STEPS), folder)
 
 
-def check_training(folder: Path, told: Told, now: float) -> Loss:
+def check_training(folder: Path, told: Told) -> Loss:
     """Every file of the run is whole; checkpoint, best policy and curve are those of the last commit or later."""
     run, faults = RunFolder(folder), list[str]()
     for file in (*folder.glob("*.onnx"), *folder.glob("kept/*.onnx")):
@@ -125,7 +128,7 @@ def check_training(folder: Path, told: Told, now: float) -> Loss:
             faults.append(f"the best policy has the score {kept}, the checkpoint {best}, the curve {max(scores)}")
         if (folder / CURVE).read_bytes().count(b"\n") < told.committed_rows:
             faults.append("a row of the curve is gone")
-    lost_s = now - told.committed_at if told.steps > steps and told.committed_at else 0.0
+    lost_s = told.killed_at - told.committed_at if told.steps > steps and told.committed_at else 0.0
     return Loss(max(told.steps - steps, 0), lost_s, faults)
 
 
@@ -145,8 +148,9 @@ def watch_trials(told: Told) -> None:
     put = TrialStore.put
 
     def tell(self: TrialStore, *arguments: object) -> None:
+        at = time.monotonic()
         put(self, *arguments)  # type: ignore[arg-type]
-        told.put()
+        told.put(at)
 
     TrialStore.put = tell  # type: ignore[method-assign]
 
@@ -161,12 +165,12 @@ def evaluate(folder: Path, told: Told, number: int) -> None:
         results.add_scenarios(agent, MANY, 1.0)
 
 
-def check_evaluation(folder: Path, told: Told, now: float) -> Loss:
+def check_evaluation(folder: Path, told: Told) -> Loss:
     """The table is whole, and has all outcomes but those of the last moment."""
-    return _check_table(folder / "results.sqlite", folder / "known", told, now)
+    return _check_table(folder / "results.sqlite", folder / "known", told)
 
 
-def _check_table(table: Path, known: Path, told: Told, now: float) -> Loss:
+def _check_table(table: Path, known: Path, told: Told) -> Loss:
     """Compare the number of outcomes with that of the last time, which stands in the file `known`."""
     before = int(known.read_text()) if known.exists() else 0
     if not table.exists():
@@ -178,8 +182,10 @@ def _check_table(table: Path, known: Path, told: Told, now: float) -> Loss:
     known.write_text(str(count))
     found = count - before
     lost = told.num_puts - found
-    seconds = now - float(told.puts[found]) if lost > 0 else 0.0
+    seconds = told.killed_at - float(told.puts[found]) if lost > 0 else 0.0
     faults = [] if whole == "ok" else [f"the table is damaged: {whole}"]
+    if seconds > PROMISE_S:
+        faults.append(f"outcomes of {seconds:.2f} s are lost")
     return Loss(max(lost, 0), seconds, faults + ["outcomes of before are gone"] * (found < 0))
 
 
@@ -214,14 +220,14 @@ def _study(folder: Path, number: int) -> study_module.Study:
     return study_module.Study(folder, 1, 0.06, "tiny", (ALGORITHMS[number % 3],), FEW)
 
 
-def check_study(folder: Path, told: Told, now: float) -> Loss:
+def check_study(folder: Path, told: Told) -> Loss:
     """Its run and its table are whole; a run that is marked as trained has used up its budget."""
     lost, seconds, faults = 0, 0.0, list[str]()
     for run in folder.glob("*-0"):
-        lost, seconds, faults = check_training(run, told, now)
+        lost, seconds, faults = check_training(run, told)
         if (run / ".trained").exists() and not (run / BEST).exists():
             faults.append("it is marked as trained and has no policy")
-    trials, before, more = _check_table(folder / "results.sqlite", folder / "known", told, now)
+    trials, before, more = _check_table(folder / "results.sqlite", folder / "known", told)
     page = folder / "report.html"
     if page.exists() and not page.read_text().rstrip().endswith("</html>"):
         faults.append("the page is cut short")

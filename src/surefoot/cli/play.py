@@ -61,7 +61,7 @@ class Play:
     def main(self) -> None:
         """Serve the page until Ctrl-C."""
         with interrupt.ends_at_once():
-            page = self._page()
+            page = self.page()
         try:
             say(f"push it at {page.address} (Ctrl-C ends)")
             if self.open and has_screen():
@@ -74,7 +74,11 @@ class Play:
             interrupt.end_within(_PATIENCE_S)
             page.close()
 
-    def _page(self) -> Page:
+    def page(self) -> Page:
+        """The page, which is served from now on, until somebody closes it."""
+        from surefoot.viewer.allocator import keep_little_memory
+
+        keep_little_memory()  # before modules start threads
         from surefoot.viewer.page import Page
         from surefoot.viewer.source import PolicySource
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sqlite3
 import threading
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,12 +17,14 @@ from surefoot.evaluation.trial_json import trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial
 from surefoot.version import __version__
 
-COMMIT_S = 0.4
-"""What was written waits for at most this time before it is safe from a kill, whether or not more is written [s]."""
+COMMIT_S = 0.2
+"""What was written waits for so long before it is committed, whether or not more is written [s]."""
 
 
 class Committer:
-    """Commits a database soon after it was written to, from a thread of its own.
+    """Commits a database soon after it was written to.
+
+    A thread of its own does it, or whoever writes next if that thread does not get its turn in time.
 
     Args:
         db: the database; it is shared between threads.
@@ -33,6 +36,7 @@ class Committer:
         self._path = path
         self._lock = threading.Lock()
         self._timer: threading.Timer | None = None
+        self._due = math.inf
         self._error: sqlite3.Error | None = None
 
     def wrote(self) -> None:
@@ -42,11 +46,14 @@ class Committer:
             UserError: the last commit failed.
         """
         with self._lock:
-            self._check()
-            if self._timer is None:
-                self._timer = threading.Timer(COMMIT_S, self._commit)
+            if time.monotonic() > self._due:
+                self._commit()
+            elif self._timer is None:
+                self._due = time.monotonic() + COMMIT_S
+                self._timer = threading.Timer(COMMIT_S, self._commit_in_time)
                 self._timer.daemon = True
                 self._timer.start()
+            self._check()
 
     def now(self) -> None:
         """Commit all that waits.
@@ -55,22 +62,22 @@ class Committer:
             UserError: it could not be written, a full disk for example.
         """
         with self._lock:
-            if self._timer:
-                self._timer.cancel()
-                self._timer = None
-            try:
-                self._db.commit()
-            except sqlite3.Error as error:
-                self._error = error
+            self._commit()
             self._check()
 
-    def _commit(self) -> None:
+    def _commit_in_time(self) -> None:
         with self._lock:
-            self._timer = None
-            try:
-                self._db.commit()
-            except sqlite3.Error as error:
-                self._error = error
+            if time.monotonic() >= self._due:
+                self._commit()
+
+    def _commit(self) -> None:
+        if self._timer:
+            self._timer.cancel()
+        self._timer, self._due = None, math.inf
+        try:
+            self._db.commit()
+        except sqlite3.Error as error:
+            self._error = error
 
     def _check(self) -> None:
         if self._error:
