@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from conftest import make_env
 
 from surefoot.agents.load import load_policy
@@ -15,6 +16,7 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.agents.policy_file import network_bytes
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import push_lines
+from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.learning.actor import network_layers
 from surefoot.learning.capture_points import from_feet, held_capture_points
 from surefoot.learning.config import TrainConfig
@@ -22,7 +24,7 @@ from surefoot.learning.distill import Distiller
 from surefoot.learning.preset_file import preset
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
-from surefoot.learning.standing import share_held, standing_thresholds
+from surefoot.learning.standing import GradedValidation, share_held, standing_thresholds
 from surefoot.learning.student import LabelBuffer
 from surefoot.learning.teachers import Teacher, Teachers
 from surefoot.learning.train import train
@@ -268,6 +270,30 @@ def test_a_distillation_goes_on_from_its_checkpoint_and_hands_on_its_student(run
     layers = start.layers(heir.student.normalise.mean, heir.student.normalise.std)
     for (weight, _), (expected, _) in zip(network_layers(heir.student.network), layers, strict=True):
         np.testing.assert_array_equal(weight, expected)
+
+
+def test_a_distillation_of_so_many_steps_is_the_same_to_the_last_bit(
+    runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    none = dict.fromkeys(DIRECTIONS, 0.0)
+    found = GradedValidation(0.5, 0.5, 0.5, none, none, 0.0, 0.0)
+    monkeypatch.setattr("surefoot.learning.distill.validate_graded", lambda policy, num_threads: found)
+    config = student_config(steps=400)
+    first = train(config, runs / "first")
+    # The second one meets other conditions: threads, generators that were used, and a checkpoint at every step.
+    torch.set_num_threads(2)
+    torch.rand(5)
+    monkeypatch.setattr("surefoot.learning.distill.CHECKPOINT_S", 0.0)
+    second = train(config, runs / "second")
+    other = train(dataclasses.replace(config, seed=1), runs / "other")
+    observations = np.random.default_rng(0).standard_normal((20, len(first.student.normalise.mean)))
+    actions = [
+        NetworkAgent(run.student.policy_bytes({}), "run").actions(observations) for run in (first, second, other)
+    ]
+    np.testing.assert_array_equal(actions[0], actions[1])
+    assert not np.array_equal(actions[0], actions[2])
+    rows = [(runs / name / "curve.csv").read_text().splitlines()[1].split(",", 1)[1] for name in ("first", "second")]
+    assert rows[0] == rows[1], "all columns but the minutes"
 
 
 def test_a_wrong_teacher_gets_one_line(runs: Path, robot: Robot) -> None:

@@ -18,11 +18,23 @@ from conftest import full_after, tiny
 from surefoot.agents.network import NetworkAgent
 from surefoot.cli.train import Train
 from surefoot.errors import UserError
+from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.learning.curve import read_curve
 from surefoot.learning.run_folder import BEST, CURVE, LAST, RunFolder
+from surefoot.learning.standing import CELLS, GradedValidation
 from surefoot.learning.train import Trainer, go_on, train
-from surefoot.learning.validation import Validation
+from surefoot.learning.validation import (
+    FIRST_SEED,
+    NUM_DIRECTIONS,
+    NUM_IMPULSES,
+    QUIET_CELL,
+    QUIET_DRIFT,
+    QUIET_POWER,
+    SCORE_VERSION,
+    SPACING,
+    Validation,
+)
 from surefoot.whole_file import sweep, write_whole
 
 pytestmark = pytest.mark.slow
@@ -37,7 +49,11 @@ def scored(recovered: float) -> Callable[[NetworkAgent], Validation]:
         recovered=recovered, within_limits=recovered, fell=1.0 - recovered, rejected=none,
         rejected_within_limits=none, quiet=0.0, power=float("nan"),
     )  # fmt: skip
-    return lambda policy: found
+
+    def validate(policy: NetworkAgent) -> Validation:
+        return found
+
+    return validate
 
 
 def keep(trainer: Trainer, recovered: float) -> None:
@@ -103,6 +119,38 @@ def test_a_validation_writes_no_more_files_than_are_tried(tmp_path: Path) -> Non
     trainer = Trainer(tiny("ppo"), RunFolder.begin(tmp_path / "run", tiny("ppo")))
     assert not killed_at(WRITES + 1, True, lambda: keep(trainer, 0.9))
     assert score_of(tmp_path / "run" / BEST) == 0.9
+
+
+@pytest.mark.parametrize("of_before", [{"protocol": 1}, {"version": 0}, {"validation": "validate_graded"}, None])
+def test_a_best_policy_whose_score_counted_something_else_is_validated_again(
+    of_before: dict[str, object] | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    trainer = Trainer(tiny("ppo"), RunFolder.begin(tmp_path / "run", tiny("ppo")))
+    today = trainer.kept.definition
+    assert today == {"validation": "validate", "version": SCORE_VERSION, "protocol": PROTOCOL.version}
+    trainer.kept.definition = of_before and {**today, **of_before}  # type: ignore[assignment] # None: of version 0.1
+    keep(trainer, 0.9)
+    monkeypatch.setattr("surefoot.learning.train.validation_for", lambda config: scored(0.2))
+    again = resumed(tmp_path / "run")
+    assert again.kept.best_score == 0.2
+    assert "best.onnx was validated again" in capsys.readouterr().err
+    keep(again, 0.5)
+    assert score_of(tmp_path / "run" / BEST) == 0.5, "0.9 of another score is not more than 0.5 of this one"
+    assert resumed(tmp_path / "run").kept.best_score == 0.5, "now it is of today"
+
+
+def test_a_score_adds_shares_and_impulses_without_a_hole() -> None:
+    impulses = {"forward": 54.0, "left": 162.0, "backward": 270.0, "right": 54.0}
+    found = Validation(
+        recovered=0.9, within_limits=0.5, fell=0.1, rejected=impulses, rejected_within_limits=impulses, quiet=0.25,
+        power=1.0, largest=540.0,
+    )  # fmt: skip
+    # 0.5 + (54 + 135) / 540 + 0.25; whoever changes this, or the trials below, raises SCORE_VERSION.
+    assert (found.score, SCORE_VERSION) == (pytest.approx(1.1), 1)
+    numbers = NUM_DIRECTIONS, SPACING, NUM_IMPULSES, QUIET_CELL, QUIET_POWER, QUIET_DRIFT, FIRST_SEED
+    assert numbers == (8, 6, 15, 17, 20.0, 0.01, 1_000_000)
+    graded = GradedValidation(**vars(found), held=0.5)
+    assert (graded.score, CELLS[0], CELLS[-1]) == (pytest.approx(2.1), 5, 18)
 
 
 # Before the first checkpoint.

@@ -128,7 +128,7 @@ class Distiller:
         student = partial(MixtureStudent, teachers=policies) if told.mixture else Student
         self.student = student(self.env, config.actor, *past, told.learning_rate)
         self.labels = LabelBuffer(told.buffer_size, len(self.student.normalise.mean), self.student.num_targets)
-        self.kept = KeptPolicies(validate=lambda policy: validate_graded(policy, num_threads))
+        self.kept = KeptPolicies(partial(validate_graded, num_threads=num_threads))
         self._deviation = np.linspace(*config.noise, config.num_envs)[:, None]
         self._drift = np.zeros((config.num_envs, self.env.robot.num_joints))
         self._owed = 0.0
@@ -219,10 +219,9 @@ class Distiller:
     def checkpoint(self) -> None:
         """Write what is needed to go on from here; the labels are gathered anew."""
         self.update_progress()
-        state = {
+        state = self.kept.state() | {
             "steps": self.progress.steps + self.origin.num_steps,
             "seconds": self.progress.seconds,
-            "best_score": self.kept.best_score,
             "generator": self.rng.bit_generator.state,
             "inherited": self.origin.record,
             "teachers": [teacher.borders() for teacher in self.teachers.teachers],
@@ -266,7 +265,7 @@ class Distiller:
     def _restore(self) -> None:
         parameters, state = self.folder.load_checkpoint()
         self.student.restore(parameters)
-        self.kept = KeptPolicies(state["best_score"], self.folder.restore_files(), self.kept.validate)
+        self.kept.restore(state, self.folder.restore_files())
         self.origin = Origin(state["inherited"])
         self.rng.bit_generator.state = state["generator"]
         self.progress.steps = state["steps"] - self.origin.num_steps

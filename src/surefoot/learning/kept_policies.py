@@ -5,13 +5,16 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.policy_file import SUFFIX, with_record
+from surefoot.errors import notice
+from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.learning.run_folder import BEST, CURVE, KEPT, LAST
-from surefoot.learning.validation import Validation, validate
+from surefoot.learning.validation import SCORE_VERSION, Validation, validate
 
 
 class KeptPolicies:
@@ -20,23 +23,35 @@ class KeptPolicies:
     They are held here; a checkpoint brings them onto the disk together with all else that belongs to them.
 
     Args:
-        best_score: of the best policy so far.
-        files: name in the run folder -> content, of a run that goes on.
         validate: looks at a policy.
 
     Attributes:
-        files: the same now. Of all validated policies it has the newest one only: the older ones are in the folder.
+        best_score: of the best policy so far.
+        definition: what a score counts: by which validation, which version of it, and which protocol.
+        files: name in the run folder -> content. Of all validated policies it has the newest one only: the older ones
+            are in the folder.
     """
 
-    def __init__(
-        self,
-        best_score: float = -np.inf,
-        files: Mapping[str, bytes] | None = None,
-        validate: Callable[[NetworkAgent], Validation] = validate,
-    ):
-        self.best_score = best_score
-        self.files = dict(files or {})
+    def __init__(self, validate: Callable[[NetworkAgent], Validation] = validate):
+        self.best_score = -np.inf
+        self.definition = {
+            "validation": getattr(validate, "func", validate).__name__,  # of a function, or of a part of one
+            "version": SCORE_VERSION,
+            "protocol": PROTOCOL.version,
+        }
+        self.files: dict[str, bytes] = {}
         self.validate = validate
+
+    def state(self) -> dict[str, Any]:
+        """Return what a checkpoint needs beside the files."""
+        return {"best_score": self.best_score, "score_definition": self.definition}
+
+    def restore(self, state: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
+        """Go on with what a checkpoint kept; a best policy whose score counted something else is validated again."""
+        self.best_score, self.files = float(state["best_score"]), dict(files)
+        if BEST in self.files and state.get("score_definition") != self.definition:
+            self.best_score = self.validate(NetworkAgent(self.files[BEST], BEST)).score
+            notice(f"{BEST} was validated again, since scores counted something else when it was kept")
 
     def add(self, data: bytes, row: Mapping[str, float], last_columns: Mapping[str, float]) -> Validation:
         """Validate a policy file, keep it, and add a row to the learning curve.

@@ -77,7 +77,7 @@ class Trainer:
             config, budget_for(config, folder, lambda: learning_speed(config, _beginning_with(start)))
         )
         self.learner = Learner(config, self.schedule.learning_rate)
-        self.kept = KeptPolicies(validate=validation_for(config))
+        self.kept = KeptPolicies(validation_for(config))
         self.origin = begin_with(self.learner, start) if start else Origin()
         if resume:
             self._restore()
@@ -139,12 +139,15 @@ class Trainer:
     def checkpoint(self) -> None:
         """Write all that is needed to go on from here."""
         self.update_progress()
-        state = self.learner.state() | {
-            "seconds": self.progress.seconds,
-            "best_score": self.kept.best_score,
-            "held_until": self.origin.held_until,
-            "inherited": self.origin.record,
-        }
+        state = (
+            self.learner.state()
+            | self.kept.state()
+            | {
+                "seconds": self.progress.seconds,
+                "held_until": self.origin.held_until,
+                "inherited": self.origin.record,
+            }
+        )
         self.folder.save_checkpoint(self.model.get_parameters(), state, self.kept.files)
 
     def policy_bytes(self) -> bytes:
@@ -157,7 +160,7 @@ class Trainer:
             self.learner.restore(parameters, state)
             self.origin = Origin(state.get("inherited", {}), state.get("held_until", 0))
             self.schedule.seconds = self.progress.seconds = float(state["seconds"])
-            self.kept = KeptPolicies(float(state["best_score"]), self.folder.restore_files(), self.kept.validate)
+            self.kept.restore(state, self.folder.restore_files())
         except _MISFIT as error:
             raise UserError(f"the checkpoint in {self.folder.path} does not fit its configuration: {error}") from error
 

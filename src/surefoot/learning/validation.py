@@ -28,6 +28,9 @@ QUIET_POWER, QUIET_DRIFT = 20.0, 0.01
 """Standing is quiet with less than this mean power [W] and this drift of the CoM [m], both scaled to
 the robot, and without a step."""
 MAX_SCORE = 4.0
+SCORE_VERSION = 1
+"""Whoever changes the trials of a validation, or what a score makes of them, raises it: then scores of before do not
+count any more."""
 FIRST_SEED = 1_000_000
 """Far from the evaluation's seeds, which count from 0."""
 
