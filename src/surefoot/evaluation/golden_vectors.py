@@ -24,7 +24,7 @@ NUM_STEPS = 50
 """Policy steps of the run: two seconds."""
 PUSHES = ((5, 90.0, 60.0), (30, 700.0, 200.0))
 """Pushes at the root: the policy step at which one begins, its impulse [Ns] for the paper's robot, in proportion to the
-mass for others, and its direction [deg]. The second one takes joints to their speed limits and actions beyond theirs."""
+mass for others, and its direction [deg]. The second one takes joints to their speed limits and actions past theirs."""
 _START = 0.02
 """Start angles differ from the nominal pose by up to this [rad], so that the first path has a way to go."""
 _STATE = {
