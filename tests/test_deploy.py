@@ -211,7 +211,7 @@ def test_every_file_that_is_written_has_its_terms_and_the_same_network() -> None
 
 
 def test_the_command_names_what_is_wrong(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"^nothing to export; name a file by --onnx or --vectors$"):
+    with pytest.raises(UserError, match=r"^nothing to export; name a file by --onnx, --vectors or --weights$"):
         Export("ddpg").main()
     with pytest.raises(UserError, match=r"^--vectors must be a \.csv file, not run\.json$"):
         Export("ddpg", vectors=Path("run.json")).main()

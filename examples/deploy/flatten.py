@@ -1,7 +1,7 @@
 """Write what runtime.cpp needs of a policy file as plain text: python flatten.py POLICY.onnx FILE.txt.
 
-Each line is a name, how many numbers follow, and the numbers. A layer's line holds its outputs, its inputs, 1 if a tanh
-follows, its weights row by row, and its biases.
+Each line is a name, how many numbers follow, and the numbers. A layer's line holds its outputs, its inputs, what
+follows (0 nothing, 1 tanh, 2 ReLU, 3 ELU), its weights row by row, and its biases.
 """
 
 import json
@@ -9,6 +9,8 @@ import sys
 
 import onnx
 from onnx import numpy_helper
+
+FOLLOWS = {"Tanh": 1, "Relu": 2, "Elu": 3}
 
 
 def lines_of(model):
@@ -35,8 +37,8 @@ def lines_of(model):
     for place, kind in enumerate(kinds):
         if kind == "Gemm":
             weight, bias = tensors[f"weight_{number}"], tensors[f"bias_{number}"]
-            squashed = place + 1 < len(kinds) and kinds[place + 1] == "Tanh"
-            values[f"layer_{number}"] = [*weight.shape, int(squashed), *weight.ravel().tolist(), *bias.tolist()]
+            follows = FOLLOWS.get(kinds[place + 1], 0) if place + 1 < len(kinds) else 0
+            values[f"layer_{number}"] = [*weight.shape, follows, *weight.ravel().tolist(), *bias.tolist()]
             number += 1
     return [f"{name} {len(numbers)} " + " ".join(map(repr, map(float, numbers))) for name, numbers in values.items()]
 

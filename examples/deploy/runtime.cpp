@@ -30,7 +30,7 @@ using Clock = std::chrono::steady_clock;
 
 struct Layer {
     size_t outputs, inputs;
-    bool squashed;
+    int follows;  // 0 nothing, 1 tanh, 2 ReLU, 3 ELU
     std::vector<float> weight, bias;
 };
 
@@ -71,7 +71,9 @@ struct Policy {
             for (size_t row = 0; row < layer.outputs; ++row) {
                 const float* weight = &layer.weight[row * layer.inputs];
                 for (size_t column = 0; column < layer.inputs; ++column) next[row] += weight[column] * value[column];
-                if (layer.squashed) next[row] = std::tanh(next[row]);
+                if (layer.follows == 1) next[row] = std::tanh(next[row]);
+                if (layer.follows == 2) next[row] = std::max(next[row], 0.0);
+                if (layer.follows == 3) next[row] = next[row] > 0.0 ? next[row] : std::expm1(next[row]);
             }
             value = next;
         }
@@ -80,7 +82,7 @@ struct Policy {
 
    private:
     void add_layer(const Vector& values) {
-        Layer layer{size_t(values.at(0)), size_t(values.at(1)), values.at(2) != 0.0, {}, {}};
+        Layer layer{size_t(values.at(0)), size_t(values.at(1)), int(values.at(2)), {}, {}};
         if (values.size() != 3 + layer.outputs * (layer.inputs + 1)) fail("a layer has another size than it says");
         auto weights_end = values.begin() + 3 + layer.outputs * layer.inputs;
         layer.weight.assign(values.begin() + 3, weights_end);

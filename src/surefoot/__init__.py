@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from surefoot.evaluation.threshold_search import Threshold
     from surefoot.evaluation.trials import Trial, run_trial
     from surefoot.learning.config import TrainConfig
+    from surefoot.learning.exchange import policy_from, put_policy, state_dict
     from surefoot.learning.preset_file import preset
     from surefoot.learning.train import train
     from surefoot.physics.pushes import Drop, Push, horizontal_push
@@ -46,6 +47,7 @@ _HOMES = {
     "evaluation.threshold_search": ("Threshold",),
     "evaluation.trials": ("Trial", "run_trial"),
     "learning.config": ("TrainConfig",),
+    "learning.exchange": ("policy_from", "put_policy", "state_dict"),
     "learning.preset_file": ("preset",),
     "learning.train": ("train",),
     "physics.pushes": ("Drop", "Push", "horizontal_push"),
@@ -81,12 +83,15 @@ __all__ = [
     "load_agent",
     "load_policy",
     "load_robot",
+    "policy_from",
     "preset",
+    "put_policy",
     "record",
     "run_trial",
     "save_video",
     "shipped_policies",
     "shipped_robots",
+    "state_dict",
     "train",
 ]  # fmt: skip
 

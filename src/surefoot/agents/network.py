@@ -12,7 +12,7 @@ import numpy as np
 
 from surefoot.agents.observing import ObservingAgent
 from surefoot.agents.onnx_check import OWN_OPERATORS, check_own_network, metadata, read_model
-from surefoot.agents.policy_file import METADATA_KEY
+from surefoot.agents.policy_file import ACTIVATIONS, METADATA_KEY
 from surefoot.errors import UserError
 from surefoot.task.agent import Command
 from surefoot.task.contract import Contract
@@ -98,7 +98,7 @@ class NetworkAgent(ObservingAgent):
     @property
     def hidden(self) -> tuple[int, ...]:
         """Widths of the hidden layers."""
-        return tuple(len(bias) for _, bias in self._stored_layers()[:-1])
+        return tuple(len(bias) for _, bias in self.stored_layers()[:-1])
 
     def layers(self, mean: np.ndarray, std: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """(weight, bias) of every layer, as `network_bytes` was given them.
@@ -106,11 +106,34 @@ class NetworkAgent(ObservingAgent):
         Args:
             mean: of the inputs (num_inputs,); the first layer then acts on (inputs - mean) / std.
             std: of the inputs (num_inputs,).
+
+        Raises:
+            UserError: the network is none of tanh, which is all that learning knows.
         """
-        (scaled, bias), *others = self._stored_layers()
+        if self.activation != "tanh":
+            raise UserError(f"{self.name} has {self.activation} between its layers; only tanh networks can learn on")
+        (scaled, bias), *others = self.stored_layers()
         return [((scaled * std).astype(np.float32), (bias + scaled @ mean).astype(np.float32)), *others]
 
-    def _stored_layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+    @property
+    def activation(self) -> str:
+        """What stands between the layers, a key of `policy_file.ACTIVATIONS`; tanh if there is one layer only."""
+        words = {operator: word for word, operator in ACTIVATIONS.items()}
+        return next((words[kind] for kind in self._operators()[:-1] if kind in words), "tanh")
+
+    @property
+    def squash(self) -> bool:
+        """Does a tanh follow the last layer?"""
+        return self._operators()[-1] != "Gemm"
+
+    def _operators(self) -> list[str]:
+        import onnx
+
+        nodes = onnx.load_model_from_string(self._data).graph.node
+        return [node.op_type for node in nodes if node.op_type != "Identity"]
+
+    def stored_layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(weight, bias) of every layer as they stand in the file; the first one's hold the normalisation."""
         import onnx
         from onnx import numpy_helper
 

@@ -24,7 +24,7 @@ MAX_BYTES = 64_000_000
 MAX_ELEMENTS = 8_000_000
 """Of a tensor: the largest layer of a network of 2,800 units a layer."""
 MAX_NODES = 1_000
-OWN_OPERATORS = ("Gemm", "Tanh", "Identity")
+OWN_OPERATORS = ("Gemm", "Tanh", "Relu", "Elu", "Identity")
 """What networks that surefoot wrote consist of."""
 FOREIGN_OPERATORS = (
     "Gemm", "MatMul", "Conv", "LSTM", "GRU", "Add", "Sub", "Mul", "Div", "Neg", "Abs", "Sqrt", "Reciprocal", "Pow",
@@ -118,7 +118,7 @@ def check_growth(model: ModelProto, source: str) -> None:
 
 
 def check_own_network(model: ModelProto, source: str) -> None:
-    """Check that a model is a network as `network_bytes` writes it: a chain of linear layers and tanh.
+    """Check that a model is a network as `network_bytes` writes it: a chain of linear layers and activations.
 
     Raises:
         UserError: it is another one. The message names the first thing that differs.

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from onnx import ModelProto
 
 SUFFIX = ".onnx"
+ACTIVATIONS = {"tanh": "Tanh", "relu": "Relu", "elu": "Elu"}
+"""What may stand between the layers of a policy: its name, and its ONNX operator."""
 METADATA_KEY = "surefoot"
 """Of a policy file's metadata, under which its contract stands."""
 TERMS_KEY = "surefoot_terms"
@@ -24,16 +26,22 @@ TERMS_KEY = "surefoot_terms"
 
 
 def network_bytes(
-    layers: list[tuple[np.ndarray, np.ndarray]], mean: np.ndarray, std: np.ndarray, squash: bool, contract: Contract
+    layers: list[tuple[np.ndarray, np.ndarray]],
+    mean: np.ndarray,
+    std: np.ndarray,
+    squash: bool,
+    contract: Contract,
+    activation: str = "tanh",
 ) -> bytes:
-    """A policy file: (inputs - mean) / std through a tanh network.
+    """A policy file: (inputs - mean) / std through a network of linear layers.
 
     Args:
-        layers: (weight (out, in), bias (out,)) of every linear layer; tanh between them.
+        layers: (weight (out, in), bias (out,)) of every linear layer.
         mean: of the network's inputs (num_inputs,).
         std: of the network's inputs (num_inputs,).
         squash: tanh on the output too.
         contract: what the file says about the robot.
+        activation: between the layers, a key of `ACTIVATIONS`.
     """
     import onnx
     from onnx import TensorProto, helper, numpy_helper
@@ -48,9 +56,11 @@ def network_bytes(
         tensors.append(numpy_helper.from_array(bias.astype(np.float32), f"bias_{i}"))
         nodes.append(helper.make_node("Gemm", [value, f"weight_{i}", f"bias_{i}"], [f"linear_{i}"], transB=1))
         value = f"linear_{i}"
-        if squash or i < len(layers) - 1:
-            nodes.append(helper.make_node("Tanh", [value], [f"tanh_{i}"]))
-            value = f"tanh_{i}"
+        is_last = i == len(layers) - 1
+        if squash or not is_last:
+            kind = "tanh" if is_last else activation
+            nodes.append(helper.make_node(ACTIVATIONS[kind], [value], [f"{kind}_{i}"]))
+            value = f"{kind}_{i}"
     nodes.append(helper.make_node("Identity", [value], ["action"]))
     graph = helper.make_graph(
         nodes,

@@ -13,32 +13,14 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from surefoot.errors import UserError
-from surefoot.learning.preset_file import preset
-from surefoot.learning.robot_scale import for_robot
+from surefoot.learning.robot_scale import default_config
 from surefoot.physics.pushes import NEVER, Push
 from surefoot.rates import CONTROL_DT
 from surefoot.rendering.moment import Moment
 from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
 
-DEFAULT_PRESET, DEFAULT_ALGORITHM = "fast", "ddpg"
-"""The preset whose task is the default: a policy learns it in minutes."""
-
 RenderMode = Literal["rgb_array"]
 RENDER_MODES = ("rgb_array",)
-
-
-def default_config(robot: str | None = None) -> EnvConfig:
-    """Return the task of the preset `fast`, which a policy learns in minutes.
-
-    Args:
-        robot: whose task it is: a shipped robot's name or the path of a description. Pushes, heights and times are
-            scaled by its mass and the length of its legs. Without it, the preset's own robot.
-
-    Raises:
-        UserError: there is no such robot.
-    """
-    config = preset(DEFAULT_PRESET, DEFAULT_ALGORITHM)
-    return for_robot(config, robot or config.env.robot).env
 
 
 class PushRecoveryBatch(PushRecoveryVectorEnv):

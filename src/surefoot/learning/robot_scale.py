@@ -10,11 +10,28 @@ from __future__ import annotations
 import dataclasses
 
 from surefoot.learning.config import TrainConfig
+from surefoot.learning.preset_file import preset
 from surefoot.robots import load_robot
 from surefoot.task.environment import EnvConfig, Schedule
 from surefoot.task.random_pushes import DisturbanceConfig
 
 _DIGITS = 6
+_DEFAULT = "fast", "ddpg"
+"""Preset and algorithm of the task that the gymnasium environment has without another one."""
+
+
+def default_config(robot: str | None = None) -> EnvConfig:
+    """Return the task of the preset `fast`, which a policy learns in minutes.
+
+    Args:
+        robot: whose task it is: a shipped robot's name or the path of a description. Pushes, heights and times are
+            scaled by its mass and the length of its legs. Without it, the preset's own robot.
+
+    Raises:
+        UserError: there is no such robot.
+    """
+    config = preset(*_DEFAULT)
+    return for_robot(config, robot or config.env.robot).env
 
 
 def for_robot(config: TrainConfig, name: str) -> TrainConfig:
