@@ -111,9 +111,12 @@ results-holosoma: $(READY)
 	    $(BIN)/surefoot evaluate examples/holosoma.py:$$c --robot g1_arms --results runs/holosoma.sqlite \
 	        --suite results/holosoma/`echo $$c | tr A-Z a-z`.toml --export results/holosoma/trials.parquet || exit 1; done
 
-# What docs/play.md and the README show of the live page; needs chromium.
+# What docs/play.md, docs/report.md and the README show of the live page and the report; needs chromium. The report is
+# that of all results, if there is one, or one of the pushes that ppo survives.
 screenshots: $(READY)
-	$(BIN)/python docs/screenshots.py
+	test -f runs/report.html || ($(BIN)/surefoot evaluate ppo --results runs/shown.sqlite && \
+	    $(BIN)/surefoot report runs/shown.sqlite --curves results/curves --out runs/report.html)
+	$(BIN)/python docs/screenshots.py runs/report.html
 	$(BIN)/surefoot video ddpg --out docs/pictures/push.gif --impulse 300 --begin -0.3 --end 2.6 --size 480 360 --fps 12.5
 
 # 100,000 damaged files of every format; after an hour it stops, and the same call goes on.

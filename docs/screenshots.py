@@ -1,4 +1,7 @@
-"""Screenshots of the live page for the documentation: `make screenshots`."""
+"""Screenshots of the live page and of the report for the documentation: `make screenshots`.
+
+python docs/screenshots.py REPORT.html [SECONDS]
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from PIL import Image
 
 from surefoot.errors import UserError
 from surefoot.physics.pushes import horizontal_push
@@ -20,15 +25,21 @@ SIZES = {"": (1440, 900), "-1280": (1280, 720), "-phone": (390, 844)}
 """What is added to a picture's name, and the size of the window [pixels]."""
 DRAWN_S = 8.0
 """Time for a browser without a graphics card to draw what stands still; on a busy machine give a longer one."""
-PATIENCE_MS = 180_000
+PATIENCE_MS = 900_000
+
+
+COLORS = 128
+"""Of a picture: enough for pages, and a third of the bytes."""
 
 
 def main() -> None:
-    """One robot just pushed, in windows of three sizes, and a crowd that has been."""
-    drawn_s = float(sys.argv[1]) if len(sys.argv) > 1 else DRAWN_S
+    """One robot just pushed and the report, in windows of three sizes, and a crowd that has been pushed."""
+    report = Path(sys.argv[1]).resolve()
+    drawn_s = float(sys.argv[2]) if len(sys.argv) > 2 else DRAWN_S
     try:
         with browser.launched() as chromium:
             for name, size in SIZES.items():
+                take_report(chromium, report, PICTURES / f"report{name}.png", size)
                 take(chromium, 1, pushed_forward, PICTURES / f"play{name}.png", size, drawn_s)
             take(chromium, 16, pushed_left, PICTURES / "play-crowd.png", SIZES[""], drawn_s)
     except UserError as error:
@@ -50,14 +61,35 @@ def take(
         tab.evaluate("document.querySelectorAll('.mantine-Notification-closeButton').forEach(button => button.click())")
         act(page)
         time.sleep(drawn_s)
-        tab.screenshot(path=path)
+        save(tab, path)
     finally:
         tab.close()
         page.close()
 
 
+def take_report(chromium: Any, report: Path, path: Path, size: tuple[int, int]) -> None:
+    """A screenshot of the report's beginning, in a window of a size [pixels]."""
+    tab = chromium.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
+    tab.set_default_timeout(PATIENCE_MS)
+    tab.goto(report.as_uri())
+    save(tab, path)
+    tab.close()
+
+
+def save(tab: Any, path: Path) -> None:
+    """What a tab shows, as a picture of few bytes."""
+    tab.screenshot(path=path)
+    with Image.open(path) as shot:
+        small = shot.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+    small.save(path, optimize=True)
+
+
 def pushed_forward(page: Page) -> None:
-    """In the first half second after a hard push."""
+    """In the first half second after a hard push, and after others whose verdicts are known."""
+    for angle, impulse in ((90.0, 120.0), (180.0, 480.0), (-90.0, 200.0)):
+        push = horizontal_push("root", angle, impulse)
+        run(page, lambda session, push=push: session.push(push), 5.0)
+    run(page, lambda session: session.reset(), 1.0)
     run(page, lambda session: session.push(horizontal_push("root", 0.0, 300.0)), 0.28)
 
 

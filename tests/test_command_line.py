@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from pathlib import Path
 
 import pytest
 from conftest import tiny
 
+from surefoot.agents.policy_file import ACTIVATIONS
 from surefoot.cli.choices import VALID, option_texts
 from surefoot.cli.commands import COMMANDS, parsed
+from surefoot.cli.docs import Docs, pages
 from surefoot.cli.main import with_guess
 from surefoot.cli.settings import with_settings
 from surefoot.cli.train import Train
 from surefoot.errors import UserError
 from surefoot.evaluation.scenario_file import SUITE_NAMES
+from surefoot.learning.exchange import LAYOUTS
 from surefoot.learning.preset_file import ALGORITHMS, PRESETS, preset
 from surefoot.learning.train import train
+from surefoot.physics.engines import ENGINES
 from surefoot.robots import shipped_robots
 from surefoot.version import __version__
 
@@ -85,6 +90,9 @@ def test_help_lists_the_values_that_are_valid(capsys: pytest.CaptureFixture[str]
     assert set(VALID["preset"].partition("}")[0][1:].split(",")) == set(PRESETS)
     assert VALID["suite"].partition("}")[0][1:].split(",") == list(SUITE_NAMES)
     assert VALID["robot"].partition("}")[0][1:].split(",") == list(shipped_robots())
+    assert VALID["engine"].strip("{}").split(",") == list(ENGINES)
+    assert set(VALID["layout"].strip("{}").split(",")) == set(LAYOUTS)
+    assert VALID["activation"].strip("{}").split(",") == list(ACTIVATIONS)
     for command, shown in (("train", "algorithm"), ("evaluate", "suite"), ("play", "robot")):
         assert VALID[shown] in told(capsys, command, "--help")
 
@@ -143,3 +151,16 @@ def test_every_setting_says_what_it_means(capsys: pytest.CaptureFixture[str]) ->
     entries = re.split(r"\n│ (?=--)", capsys.readouterr().out)
     silent = [entry.split()[0] for entry in entries[1:] if entry.split("│")[1].strip().startswith("(default")]
     assert [option for option in silent if not option.startswith("--hyper.")] == []
+
+
+def test_every_page_that_help_points_to_is_one_of_the_documentation(capsys: pytest.CaptureFixture[str]) -> None:
+    texts = [inspect.getdoc(command) or "" for command in COMMANDS.values()]
+    texts += [words for command in COMMANDS.values() for words in option_texts(command).values()]
+    named = set(re.findall(r"surefoot docs ([a-z-]+)", " ".join(texts)))
+    assert {"method", "scenarios", "exchange"} <= named <= set(pages())
+    Docs("method").main()
+    assert capsys.readouterr().out == (Path(__file__).parents[1] / "docs" / "method.md").read_text()
+    Docs().main()
+    assert "How we test" in capsys.readouterr().out
+    with pytest.raises(UserError, match=r"unknown page 'metod'; valid: api, controllers, .*method"):
+        Docs("metod").main()

@@ -56,6 +56,10 @@ def test_the_wheel_works_in_an_empty_environment_outside_the_checkout(wheel: Pat
     subprocess.run([python, "-c", SCRIPT], check=True, cwd=tmp_path)
     listed = subprocess.run([tmp_path / "env/bin/surefoot", "--help"], check=True, cwd=tmp_path, capture_output=True)
     assert b"evaluate" in listed.stdout
+    page = subprocess.run(
+        [tmp_path / "env/bin/surefoot", "docs", "method"], check=True, cwd=tmp_path, capture_output=True
+    )
+    assert page.stdout.decode() == (ROOT / "docs" / "method.md").read_text()
     refused = subprocess.run([tmp_path / "env/bin/surefoot", "train"], cwd=tmp_path, capture_output=True, text=True)
     assert refused.returncode == 2
     assert refused.stderr == "surefoot: this needs torch: pip install 'surefoot[learn]'\n"

@@ -31,7 +31,7 @@ class AgentCommand:
     action: Annotated[Literal["check"], tyro.conf.Positional]
     """What is done."""
     policy: Annotated[str, tyro.conf.Positional]
-    """FILE.py:CLASS, FILE.onnx (docs/foreign-policies.md), controllers/NAME, or a policy of surefoot's."""
+    """FILE.py:CLASS, FILE.onnx (surefoot docs foreign-policies), controllers/NAME, or a policy of surefoot's."""
     robot: str = ""
     """A shipped robot's name, or a description (.toml); the shipped policies' robot without it."""
     seconds: float = 20.0

@@ -14,8 +14,8 @@ class Bench:
     seconds: float = 20.0
     """Time for each ratio."""
     robot: str = ""
-    """The robot: a shipped robot's name, or a description (.toml, docs/your-robot.md); the shipped policies' without
-    it."""
+    """The robot: a shipped robot's name, or a description (.toml, surefoot docs your-robot); the shipped policies'
+    without it."""
     json: str | None = None
     """Write the figures as one flat JSON object to this file; - for standard output."""
 

@@ -14,11 +14,15 @@ import tyro
 
 _TOML = "FILE.toml"
 VALID = {
+    "activation": "{tanh,relu,elu}",
     "agent": "POLICY",
     "algorithm": "{trpo,ppo,ddpg}",
     "body": "BODY",
     "direction": "{forward,left,backward,right}|DEGREES",
+    "engine": "{mujoco,pybullet}",
+    "host": "ADDRESS [NAME ...]",
     "json": "FILE|-",
+    "layout": "{rsl_rl,rsl_rl-3,skrl,skrl-shared,sb3,sb3-td3,sb3-sac}",
     "policy": "POLICY",
     "pose": "POSE",
     "preset": f"{{fast,complete,best,paper}}|{_TOML}",
@@ -29,6 +33,7 @@ VALID = {
     "scenario": f"NAME|{_TOML}:NAME",
     "stage": "STAGE",
     "suite": f"{{push,paper,robustness,ring}}|{_TOML}",
+    "trial_policy": "POLICY",
     "warm_start": "FOLDER|POLICY",
 }
 """Option -> its valid values, the same for all commands that have it; others are shown by their type."""

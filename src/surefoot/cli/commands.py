@@ -16,6 +16,7 @@ from surefoot.cli.agent import AgentCommand
 from surefoot.cli.bench import Bench
 from surefoot.cli.choices import described
 from surefoot.cli.demo import Demo
+from surefoot.cli.docs import Docs
 from surefoot.cli.evaluate import Evaluate
 from surefoot.cli.export import Export
 from surefoot.cli.old_words import renewed
@@ -54,6 +55,7 @@ COMMANDS: dict[str, Any] = {
     "video": Video,
     "picture": Picture,
     "robot": CheckRobot,
+    "docs": Docs,
 }
 
 
@@ -99,4 +101,4 @@ def print_commands() -> None:
     output = Console(highlight=False)
     output.print("usage: surefoot COMMAND [OPTIONS]\n\nTeach humanoid robots to keep their balance when pushed.\n")
     output.print(table)
-    output.print("\nsurefoot COMMAND --help explains a command, surefoot --version prints the version.", markup=False)
+    output.print("\nsurefoot COMMAND --help explains a command, surefoot docs shows the documentation.", markup=False)

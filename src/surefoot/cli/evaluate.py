@@ -25,21 +25,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Find how hard a push a policy survives, by the one definition of success (docs/method.md)."""
+    """Find how hard a push a policy survives, by the one definition of success (surefoot docs method)."""
 
     policy: Annotated[str, tyro.conf.Positional]
     """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal": the nominal pose held by the joint
-    impedance alone. A controller: controllers/NAME (docs/controllers.md), or FILE.py:CLASS of your own
-    (docs/your-controller.md)."""
+    impedance alone. A controller: controllers/NAME (surefoot docs controllers), or FILE.py:CLASS of your own
+    (surefoot docs your-controller)."""
     suite: str = "push"
     """push (pushes at the floating body, the robot's root), paper (everything that the paper tests), robustness
-    (beyond the paper), ring (for any robot and anybody's policy), or a scenario file (.toml, docs/scenarios.md)."""
+    (beyond the paper), ring (for any robot and anybody's policy), or a scenario file (surefoot docs scenarios)."""
     directions: int | None = None
     """Number of directions of the pushes at the root, evenly spaced: 4 without it. In the suite ring, of all pushes: 16
     without it."""
     robot: str = ""
-    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, docs/robot.md); the
-    shipped policies' robot without it."""
+    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, surefoot docs robot);
+    the shipped policies' robot without it."""
     engine: str = "mujoco"
     """The physics engine: mujoco, or pybullet (the extra of that name), which no policy has learned in."""
     results: Path = Path("results.sqlite")

@@ -22,7 +22,7 @@ _CHECKPOINTS = (".zip", ".pt", ".pth")
 
 @dataclass(frozen=True)
 class Export:
-    """Give a policy to another runtime (docs/policy-file.md) or library, or take one from there (docs/exchange.md)."""
+    """Give a policy to another runtime (surefoot docs policy-file), to a library and back (surefoot docs exchange)."""
 
     policy: Annotated[str, tyro.conf.Positional]
     """A shipped policy's name, a policy file (.onnx), a run folder, or a checkpoint of stable-baselines3 (.zip), rsl_rl

@@ -26,7 +26,7 @@ class CheckRobot:
     task: Annotated[Literal["check"], tyro.conf.Positional]
     """What to do."""
     robot: Annotated[str, tyro.conf.Positional]
-    """A shipped robot's name, or a description (.toml, docs/your-robot.md)."""
+    """A shipped robot's name, or a description (.toml, surefoot docs your-robot)."""
     pose: str = ""
     """Name of the pose; the robot's default one without it."""
     picture: Path | None = None

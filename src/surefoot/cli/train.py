@@ -33,8 +33,8 @@ class Train:
     best (hours: a specialist that does not step, then a student of several policies), paper (the paper's
     hyperparameters, pose and pushes), or a TOML file of your own."""
     robot: str = ""
-    """The robot that learns: a shipped robot's name, or a description (.toml, docs/your-robot.md); the preset's without
-    it. The preset's pushes, heights, times and penalties are scaled by its mass and the length of its legs."""
+    """The robot that learns: a shipped robot's name, or a description (.toml, surefoot docs your-robot); the preset's
+    without it. The preset's pushes, heights, times and penalties are scaled by its mass and the length of its legs."""
     stage: str | None = None
     """Learn this stage of the preset `complete` or `best` alone, after the stage before it or --warm-start, with which
     it is the last one by default; a wrong name is answered with the valid ones."""

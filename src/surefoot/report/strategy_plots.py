@@ -25,8 +25,8 @@ STRATEGY_COLORS = dict(
 )
 """Green stays in place, the warmer the more steps; grey falls."""
 _COLUMNS = 4
-_PANEL, _FOOT = 4.3, 0.75
-"""Width and height of a panel, and height of the legend below all of them [inch]."""
+_PANEL, _LEGEND_ROW = 4.3, 0.3
+"""Width and height of a panel, and height of a row of the legend below all of them [inch]."""
 
 
 class DrawnCell(Protocol):
@@ -88,20 +88,22 @@ def side_by_side(cells: Sequence[StrategyCell], path: Path) -> None:
     panels = _panels(cells, per_mass)
     columns = min(len(panels), _COLUMNS)
     rows = -(-len(panels) // columns)
-    width, height = _PANEL * columns, _PANEL * rows + _FOOT
+    legend_columns = min(2**columns, len(STRATEGY_COLORS))
+    foot = _LEGEND_ROW * (-(-len(STRATEGY_COLORS) // legend_columns)) + 0.1
+    width, height = _PANEL * columns, _PANEL * rows + foot
     highest = max(cell.impulse for panel in panels.values() for several in panel.values() for cell in several)
     with drawing(path, width, height) as figure:
         figure.set_layout_engine("none")
         for number, (title, panel) in enumerate(panels.items()):
             row, column = divmod(number, columns)
-            left, top = _PANEL * (column + 0.14), height - _PANEL * (row + 0.17)
-            side = 0.72 * _PANEL
+            left, top = _PANEL * (column + 0.16), height - _PANEL * (row + 0.19)
+            side = 0.68 * _PANEL
             axes = _polar(figure, (left / width, (top - side) / height, side / width, side / height))
             _draw_cells(axes, panel)
             style_polar(axes, highest, "Ns/kg" if per_mass else "Ns")
-            axes.tick_params(axis="x", pad=2, labelsize=11)
+            axes.tick_params(axis="x", pad=7, labelsize=11)
             axes.set_title(title, pad=14, fontsize=14)
-        figure.legend(handles=_patches(), loc="lower center", bbox_to_anchor=(0.5, 0.0), ncols=8 if columns > 2 else 4)
+        figure.legend(handles=_patches(), loc="lower center", bbox_to_anchor=(0.5, 0.0), ncols=legend_columns)
 
 
 class _PerMass:
@@ -140,7 +142,8 @@ def _draw_cells(axes: PolarAxes, directions: Directions) -> float:
         below = 0.0
         for cell in sorted(several, key=lambda cell: cell.impulse):
             color = STRATEGY_COLORS[cell.strategy]
-            axes.bar(angle, cell.impulse - below, width, below, color=color, lw=0, zorder=1)
+            # The edge hides the seam to the next cell.
+            axes.bar(angle, cell.impulse - below, width, below, color=color, ec=color, lw=0.4, zorder=1)
             below = cell.impulse
         highest = max(highest, below)
     return highest

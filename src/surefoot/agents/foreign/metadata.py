@@ -47,7 +47,7 @@ def read_interface(network: Network, robot: Robot) -> Interface:
         return _whole(lambda: _from_deploy(_read_yaml(deploy), str(deploy), robot), str(deploy))
     raise UserError(
         f"{network.file}: no policy of surefoot's, and it does not say how it is driven: its metadata has none of "
-        f"{', '.join(NEEDED)}, and there is no {_DEPLOY} beside it (docs/foreign-policies.md)"
+        f"{', '.join(NEEDED)}, and there is no {_DEPLOY} beside it (surefoot docs foreign-policies)"
     )
 
 
