@@ -53,7 +53,7 @@ def test_an_edited_configuration_is_refused_or_still_one(algorithm: str, tmp_pat
     for path, wrong in accepted:  # a number within its range, what may be missing, or a text
         name = [part for part in path.split("/") if not part.isdigit()][-1]
         low, high = (LIMITS | HYPER_LIMITS).get(name, (-1e9, 1e9))
-        is_text = isinstance(wrong, str) and name in (*TEXTS_OF_ANY_KIND, "bodies")
+        is_text = isinstance(wrong, str) and name in (*TEXTS_OF_ANY_KIND, "bodies", "begin_with", "policy")
         is_number = isinstance(wrong, int | float) and not isinstance(wrong, bool) and low <= wrong <= high
         is_empty = wrong is None or wrong in ([], {})
         assert is_text or is_number or is_empty or isinstance(wrong, bool), (path, wrong)

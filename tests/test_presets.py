@@ -12,7 +12,7 @@ import pytest
 
 from surefoot.cli.train import Train
 from surefoot.errors import UserError
-from surefoot.learning.config import DAGGER, HALF_LIFE_GAMMA, TrainConfig
+from surefoot.learning.config import DAGGER, HALF_LIFE_GAMMA, TakeoverConfig, TrainConfig
 from surefoot.learning.preset_file import ALGORITHMS, old_stage, preset, stage_files
 from surefoot.task.environment import EnvConfig
 from surefoot.task.random_pushes import DisturbanceConfig
@@ -91,7 +91,7 @@ def test_every_value_of_a_preset_is_written_out(file: Traversable) -> None:
         unused = of_others if algorithm in ("ddpg", DAGGER) else of_ddpg
         for values, known in ((table, config), (table["env"], config.env)):
             fields = {field.name for field in dataclasses.fields(known)} - told_by_python - unused
-            assert set(values) == {name for name in fields if getattr(known, name) is not None}
+            assert set(values) == {name for name in fields if getattr(known, name) not in (None, "", TakeoverConfig())}
         pushes = config.env.disturbance
         assert {name for name, value in dataclasses.asdict(pushes).items() if value is not None} == set(
             table["env"]["disturbance"]

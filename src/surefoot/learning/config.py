@@ -42,6 +42,20 @@ OLD_DISTURBANCE_KEYS = {"curriculum": "survival_target"}
 
 
 @dataclass(frozen=True)
+class TakeoverConfig:
+    """A policy that drives the robots while they are beyond a border, see `TakeoverVectorEnv`; none by default.
+
+    Attributes:
+        policy: a shipped one's name or a file.
+        beyond, capture_point: the border, see `Teacher`.
+    """
+
+    policy: str = ""
+    beyond: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    capture_point: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
 class TrainConfig:
     """One training run.
 
@@ -71,6 +85,9 @@ class TrainConfig:
             and kept; 0 for the newest weights. Learning goes on from the newest ones.
         mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
         privileged_critic: the critic alone is given the privileged observation, see `surefoot.task.privileged`.
+        begin_with: a policy (a shipped one's name or a file) or a run folder that a run begins with, unless it is told
+            another one.
+        takeover: who drives robots that the learning policy is not to drive (TRPO, PPO).
     """
 
     algorithm: str
@@ -94,6 +111,8 @@ class TrainConfig:
     average_steps: float = 0.0
     mirror: bool = False
     privileged_critic: bool = False
+    begin_with: str = ""
+    takeover: TakeoverConfig = field(default_factory=TakeoverConfig)
 
     @classmethod
     def from_values(cls, values: Mapping[str, Any]) -> TrainConfig:
@@ -106,12 +125,17 @@ class TrainConfig:
         check_config(cls, values, "the run")
         check_config(EnvConfig, values["env"], "env")
         check_config(DisturbanceConfig, values["env"].get("disturbance", {}), "env.disturbance")
+        takeover = values.get("takeover", {})
+        check_config(TakeoverConfig, takeover, "takeover")
         if values["algorithm"] not in LEARNERS:
             raise UserError(f"unknown algorithm '{shortened(values['algorithm'])}'; valid: {', '.join(LEARNERS)}")
         engine_kind(values["env"].get("engine", DEFAULT_ENGINE))
-        config = cls(**as_tuples({**values, "env": None}) | {"env": EnvConfig.from_values(values["env"])})
+        tables = {"env": EnvConfig.from_values(values["env"]), "takeover": TakeoverConfig(**as_tuples(takeover))}
+        config = cls(**as_tuples(dict(values) | dict.fromkeys(tables)) | tables)
         if config.algorithm != DAGGER:
             check_hyper(config.hyper, "hyper")
+        if config.takeover.policy and config.algorithm not in ("trpo", "ppo"):
+            raise UserError(f"takeover: another policy takes over for trpo and ppo only, not for {config.algorithm}")
         return config
 
     def to_json(self) -> str:

@@ -124,6 +124,7 @@ class Distiller:
         self.rng = np.random.default_rng(config.seed)
         past = config.past_observations, config.past_actions
         torch.manual_seed(config.seed)
+        torch.set_num_threads(1)  # sums depend on their number
         policies = [teacher.policy for teacher in self.teachers.teachers]
         student = partial(MixtureStudent, teachers=policies) if told.mixture else Student
         self.student = student(self.env, config.actor, *past, told.learning_rate)

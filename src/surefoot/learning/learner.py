@@ -17,8 +17,8 @@ from surefoot.learning.average import AveragedActor
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.models import limit_exploration, make_model
 from surefoot.learning.sb3 import SB3VecEnv
+from surefoot.learning.takeover import make_env
 from surefoot.task.contract import Contract
-from surefoot.task.environment import PushRecoveryVectorEnv
 
 
 class Learner:
@@ -39,7 +39,7 @@ class Learner:
         self.config = config
         # DDPG's gradients need a core of their own while the robots move.
         num_threads = max(1, (os.cpu_count() or 1) - 1) if config.algorithm == "ddpg" else 0
-        self.env = PushRecoveryVectorEnv(config.num_envs, config.env, num_threads)
+        self.env = make_env(config, num_threads)
         self.venv = SB3VecEnv(self.env, config.privileged_critic, config.past_observations, config.past_actions)
         self.rng = np.random.default_rng(config.seed)
         self.model = make_model(config, self.venv, self.rng, learning_rate)

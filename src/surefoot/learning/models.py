@@ -16,6 +16,7 @@ from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import BatchDDPG, ExplorationNoise, MirroredReplayBuffer
 from surefoot.learning.networks import DeterministicPolicy, GaussianPolicy, with_privileged
 from surefoot.learning.sb3 import SB3VecEnv
+from surefoot.learning.takeover import OwnActionsBuffer, TakeoverVectorEnv
 from surefoot.task.privileged import SIGNS
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"trpo": TRPO, "ppo": PPO, "ddpg": BatchDDPG}
@@ -53,6 +54,8 @@ def _on_policy(
         "log_std_init": config.log_std,
         "mirrors": venv.normalise.mirrors if config.mirror else None,
     }
+    if isinstance(venv.env, TakeoverVectorEnv):
+        hyper |= {"rollout_buffer_class": OwnActionsBuffer, "rollout_buffer_kwargs": {"env": venv.env}}
     return ALGORITHMS[config.algorithm](GaussianPolicy, venv, policy_kwargs=networks, **hyper)
 
 

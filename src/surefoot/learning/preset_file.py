@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from surefoot.errors import UserError
-from surefoot.learning.config import TrainConfig
+from surefoot.learning.config import TakeoverConfig, TrainConfig
 from surefoot.task.environment import EnvConfig
 from surefoot.task.random_pushes import DisturbanceConfig
 
@@ -29,7 +29,7 @@ OLD_PRESETS = {"wide": 0, "steady": 1, "complete": -1}
 """Names of version 0.1 -> the stage of `complete`; to be dropped with version 0.3."""
 SUFFIX = ".toml"
 
-_UNTOLD = ("algorithm", "preset", "seed", "env", "hyper")
+_UNTOLD = ("algorithm", "preset", "seed", "env", "hyper", "takeover")
 _TOLD_BY_PYTHON = ("disturbance", "extra_terms")
 
 
@@ -106,10 +106,11 @@ def _read(file: Traversable, algorithm: str | None, name: str) -> TrainConfig:
     if algorithm not in tables:
         raise UserError(f"the preset '{name}' has no table for '{algorithm}'; it has: {', '.join(tables)}")
     table = tables[algorithm]
-    _check_keys(file, algorithm, table, TrainConfig, ("env", "hyper"))
+    _check_keys(file, algorithm, table, TrainConfig, ("env", "hyper", "takeover"))
     for key in ("env", "hyper"):
         if not isinstance(table.get(key), dict):
             raise UserError(f"{file} has no table [{algorithm}.{key}]")
+    _check_keys(file, f"{algorithm}.takeover", table.get("takeover", {}), TakeoverConfig, ())
     _check_keys(file, f"{algorithm}.env", table["env"], EnvConfig, ("disturbance",))
     _check_keys(file, f"{algorithm}.env.disturbance", table["env"].get("disturbance", {}), DisturbanceConfig, ())
     try:

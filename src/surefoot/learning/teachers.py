@@ -38,7 +38,7 @@ STEPPED_SHIFT = 0.06
 SLOW_S, SLOW_SPEED = 1.0, 0.3
 """This long after the beginning of its push [s], a robot whose CoM is slower than this [m/s] listens to the second
 teacher at most: how it stands must not depend on how it came to stand."""
-FAR = 0.08
+FAR = 0.02
 """A capture point that would be so much farther than a border at the next policy step, if it went on as it goes, is
 beyond it now [m], for a robot with legs as long as the paper's: one step more of the wrong teacher costs recoveries."""
 LANDED_S = 1.5
@@ -158,11 +158,24 @@ class Teachers:
             rows = np.flatnonzero(levels == 1)
             second, third = (np.square(self._ask(i, observations, rows) - actions[rows]).sum(axis=1) for i in (1, 2))
             levels[rows[third < either * second]] = 2
-        labels = np.zeros_like(actions, dtype=np.float64)
-        for i in range(len(self.teachers)):
-            rows = np.flatnonzero(levels == i)
-            labels[rows] = self._ask(i, observations, rows)
-        return labels, levels
+        labels = sum(self.answers(i, observations, levels == i) for i in range(len(self.teachers)))
+        return np.asarray(labels), levels
+
+    def answers(self, teacher: int, observations: np.ndarray, who: np.ndarray) -> np.ndarray:
+        """Return what one teacher would do.
+
+        Args:
+            teacher: its index.
+            observations: without noise (N, num_observations).
+            who: is asked about (N,).
+
+        Returns:
+            In the student's units (N, num_joints); 0 for robots that are not asked about.
+        """
+        actions = np.zeros((len(who), self.env.robot.num_joints))
+        rows = np.flatnonzero(who)
+        actions[rows] = self._ask(teacher, observations, rows)
+        return actions
 
     def _ask(self, teacher: int, observations: np.ndarray, rows: np.ndarray) -> np.ndarray:
         if not len(rows):

@@ -245,9 +245,10 @@ def train(
         UserError: a folder or policy is not fit for it.
         KeyboardInterrupt: on Ctrl-C, after a checkpoint.
     """
+    start = start or config.begin_with or None
     if resume:
         folder = RunFolder(path)
-        start = start or folder.beginning().get("start")
+        start = folder.beginning().get("start") or start
     begins_with = warm_start(config, start) if start and not RunFolder(path).has_checkpoint else None
     if not resume:
         folder = RunFolder.begin(path, config, _absolute(start))
@@ -272,6 +273,7 @@ def go_on(
 
     Arguments and errors are those of `train`; a run with a checkpoint may have another configuration.
     """
+    start = start or config.begin_with or None
     folder = RunFolder(path)
     if not folder.has_checkpoint and not _is_beginning(folder, config, start):
         discard_beginning(folder.path)

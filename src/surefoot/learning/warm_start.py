@@ -115,7 +115,7 @@ def _check_policy(config: TrainConfig, policy: NetworkAgent, source: str | Path)
     sides = 2 if config.mirror and config.algorithm != "ddpg" else 1  # a symmetric network is two side by side
     hidden = tuple(sides * width for width in config.actor)
     algorithm = contract.training.get("algorithm")
-    if algorithm != DAGGER or config.algorithm == "ddpg":  # a student's network is like those of TRPO and PPO
+    if "ddpg" in (algorithm, config.algorithm):  # the networks of all others are alike
         _check_same(source, "algorithm", algorithm, config.algorithm)
     for name in ("past_observations", "past_actions"):
         _check_same(source, name, getattr(contract, name), getattr(config, name))
