@@ -61,6 +61,7 @@ class PageClient:
         values: uuid of a control -> its newest value.
         notes: what the page has told this viewer.
         num_bytes: that were heard.
+        newest: when what was heard last was sent, by the performance counter [s].
     """
 
     def __init__(self, address: str, buffer: int = 0):
@@ -68,6 +69,7 @@ class PageClient:
         self.values: dict[str, Any] = {}
         self.notes: list[str] = []
         self.num_bytes = 0
+        self.newest = 0.0
         self._websocket = dial(address, None, buffer)
         self.send(**CAMERA)
 
@@ -90,7 +92,9 @@ class PageClient:
         assert isinstance(data, bytes)
         self.num_bytes += len(data)
         length = int.from_bytes(data[8:16], "little")
-        for message in msgspec.msgpack.decode(zstandard.decompress(data[16 : 16 + length]))["messages"]:
+        told = msgspec.msgpack.decode(zstandard.decompress(data[16 : 16 + length]))
+        self.newest = told["timestampSec"]
+        for message in told["messages"]:
             self._hear(message)
         return True
 

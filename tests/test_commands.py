@@ -15,7 +15,9 @@ import imageio.v3 as imageio
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from page_client import PageClient
 from PIL import Image
+from test_guard import until
 
 from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
@@ -140,6 +142,11 @@ def test_an_empty_clip_is_refused(robot, tmp_path):
         save_clip(tmp_path / "clip.mp4", robot, ())
 
 
+def films_of(process: int) -> list[str]:
+    """Processes that draw a film for another one."""
+    return subprocess.run(["pgrep", "-P", str(process)], capture_output=True, text=True).stdout.split()
+
+
 def test_play_says_where_it_is_and_ends_by_ctrl_c(tmp_path: Path):
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -170,10 +177,17 @@ def test_play_says_where_it_is_and_ends_by_ctrl_c(tmp_path: Path):
             second = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
             assert second.returncode == 2
             assert f"surefoot: cannot listen on 127.0.0.1:{port}: address already in use; valid:" in second.stderr
-            time.sleep(0.2)
-            process.send_signal(signal.SIGINT)
-            output, error = process.communicate(timeout=20)
-            assert (process.returncode, output, error) == (0, "", "closed\n")
+            with PageClient(said.split()[3]) as viewer:
+                while not (save := [label for label in viewer.controls if label.startswith("Save the last")]):
+                    viewer.listen(30.0)
+                assert all(viewer.skip(30.0) for _ in range(20)), "it plays, so that there is something to draw"
+                viewer.set(save[0], True)
+                assert until(lambda: bool(films_of(process.pid)))
+                (film,) = films_of(process.pid)
+                process.send_signal(signal.SIGINT)
+                output, error = process.communicate(timeout=20)
+            assert (process.returncode, output, error) == (0, "", "closed\n"), "though a film was being drawn"
+            assert until(lambda: not Path(f"/proc/{film}").exists()), "and what drew it has ended"
         finally:
             process.kill()
 

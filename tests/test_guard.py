@@ -269,6 +269,20 @@ def test_a_hand_at_a_robot_that_is_not_there_holds_nothing(page: Page, viewer: P
     assert page.watched == 0
 
 
+def test_a_viewer_who_takes_little_is_not_shown_what_was_long_ago(page: Page, viewer: PageClient) -> None:
+    with PageClient(page.address, buffer=16_384) as slow:
+        while "Speed" not in slow.controls:
+            slow.listen(30.0)
+        before, taken = viewer.num_bytes, slow.num_bytes
+        while viewer.num_bytes < before + 800_000:
+            assert viewer.skip(30.0)
+        now = time.perf_counter()
+        while slow.newest < now:
+            assert slow.listen(30.0)
+        # The system keeps twice the 64 KiB that it is asked for, and the line and the libraries some more.
+        assert slow.num_bytes - taken < 400_000
+
+
 def test_an_error_of_what_one_viewer_asked_for_does_not_stop_the_robots(
     page: Page, viewer: PageClient, capfd: pytest.CaptureFixture[str]
 ) -> None:

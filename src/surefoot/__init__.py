@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from surefoot.extras import advice
@@ -111,5 +113,11 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-if importlib.util.find_spec("gymnasium"):
+def _is_the_command() -> bool:
+    """Is this process the command `surefoot`? It needs no environments of gymnasium, whose modules take their time."""
+    words = sys.orig_argv
+    return Path(sys.argv[0]).stem == "surefoot" or ("-m" in words and "surefoot" in words[words.index("-m") + 1 :][:1])
+
+
+if not _is_the_command() and importlib.util.find_spec("gymnasium"):
     importlib.import_module("surefoot.environments").register()

@@ -1,4 +1,4 @@
-"""Guard: who may open the live page, and which of its browsers' messages are heard.
+"""Guard: who may open the live page, which of its browsers' messages are heard, and how much waits for one of them.
 
 Every web page that a browser shows may send requests to servers on the same machine. So a request must carry the token
 that only the address has which `surefoot play` prints, name this server as its host, and come from a page of this
@@ -31,6 +31,12 @@ _THIS_MACHINE = ("127.0.0.1", "localhost", "::1")
 _EVERYWHERE = ("0.0.0.0", "::", "")
 _MAX_MESSAGE_BYTES = 2**16
 """A browser's largest message has some hundred bytes."""
+_QUEUE_BYTES = 2**16
+"""What the system keeps for a browser that takes less than it is sent: some dozen pictures.
+
+By itself it keeps megabytes. A viewer over a slow line would see what was long ago, and be taken for gone, since his
+answers to the server's pings wait behind all that.
+"""
 _FOR_BROWSERS = {
     "Content-Security-Policy": "frame-ancestors 'none'",
     "Referrer-Policy": "no-referrer",
@@ -97,6 +103,10 @@ class Guard:
         guard = self
 
         class Connection(ServerConnection):
+            def connection_made(self, transport: Any) -> None:
+                transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _QUEUE_BYTES)
+                super().connection_made(transport)
+
             async def recv(self, decode: bool | None = None) -> Any:
                 while not is_heard(data := await super().recv(decode)):
                     guard.num_refused += 1

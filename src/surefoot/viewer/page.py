@@ -74,7 +74,8 @@ class Page:
         self._scale = scale_of(session.robot)
         self._is_pushed = False
         self._last_panel = self._last_poll = 0.0
-        self._filming = Filming(lambda share: self.controls.show_film(share))
+        self._filming = Filming(self._show_film)
+        self._is_closing = False
         self.guard = Guard(host, names)
         self.server = start_server(host, port, self.guard)
         camera = self.server.initial_camera
@@ -98,6 +99,7 @@ class Page:
 
     def close(self) -> None:
         """Stop the film that is being drawn and the robots, then the server."""
+        self._is_closing = True
         self._filming.cancel()
         self.player.stop()
         stop_server(self.server)
@@ -192,9 +194,11 @@ class Page:
         """Give a browser the last seconds as a film, drawn by another process; one at a time."""
         try:
             film = self._filming.draw(self.player.session.robot, self.clip.shots())
-            client.send_file_download("surefoot.mp4", film, save_immediately=True)
+            if self._is_here(client):
+                client.send_file_download("surefoot.mp4", film, save_immediately=True)
         except UserError as error:
-            client.add_notification("film", str(error), auto_close_seconds=6.0, color="red")
+            if self._is_here(client):
+                client.add_notification("film", str(error), auto_close_seconds=6.0, color="red")
 
     def cancel_clip(self) -> None:
         """End the film that is being drawn."""
@@ -204,6 +208,10 @@ class Page:
         """Show a notification in every browser."""
         for client in self.server.get_clients().values():
             client.add_notification(title=title, body=message, auto_close_seconds=6.0, color=color)
+
+    def _is_here(self, client: viser.ClientHandle) -> bool:
+        """Can this browser still be told something?"""
+        return not self._is_closing and client.client_id in self.server.get_clients()
 
     # What the player shows.
 
@@ -246,6 +254,10 @@ class Page:
         self.clip.add(shown, watched)
         if isinstance(shown, Session):
             self.takes.add(shown, watched)
+
+    def _show_film(self, share: float | None) -> None:
+        if not self._is_closing:
+            self.controls.show_film(share)
 
     def _rates(self) -> str:
         player = self.player
