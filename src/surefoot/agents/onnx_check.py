@@ -57,18 +57,7 @@ def read_model(data: bytes, source: str, operators: Collection[str], folder: Pat
     Raises:
         UserError: the file is no ONNX file, or has anything else.
     """
-    import onnx
-
-    if len(data) > MAX_BYTES:
-        raise UserError(f"{source} is not a policy file: it has {len(data):,} bytes, more than {MAX_BYTES:,}")
-    model = onnx.ModelProto()
-    try:
-        model.ParseFromString(data)
-        model.DiscardUnknownFields()  # onnxruntime may know a field that this version of onnx does not
-    except Exception as error:  # protobuf's error type depends on how it was built
-        raise UserError(f"{source} is not a policy file: not a readable ONNX network") from error
-    if not model.graph.node:
-        raise UserError(f"{source} is not a policy file: not a readable ONNX network")
+    model = _parsed(data, source)
     is_foreign = folder is not None
     if model.functions or model.training_info or model.graph.sparse_initializer:
         raise UserError(f"{source} is refused: it has functions, training code or sparse tensors of its own")
@@ -84,6 +73,23 @@ def read_model(data: bytes, source: str, operators: Collection[str], folder: Pat
         if folder is not None:
             _take_in(tensor, folder, source)
         _check_tensor(tensor, source, is_foreign)
+    return model
+
+
+def _parsed(data: bytes, source: str) -> ModelProto:
+    """The model of a file of which nothing has been looked at but its size."""
+    import onnx
+
+    if len(data) > MAX_BYTES:
+        raise UserError(f"{source} is not a policy file: it has {len(data):,} bytes, more than {MAX_BYTES:,}")
+    model = onnx.ModelProto()
+    try:
+        model.ParseFromString(data)
+        model.DiscardUnknownFields()  # onnxruntime may know a field that this version of onnx does not
+    except Exception as error:  # protobuf's error type depends on how it was built
+        raise UserError(f"{source} is not a policy file: not a readable ONNX network") from error
+    if not model.graph.node:
+        raise UserError(f"{source} is not a policy file: not a readable ONNX network")
     return model
 
 

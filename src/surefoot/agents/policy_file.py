@@ -14,7 +14,7 @@ from surefoot.task.contract import Contract
 from surefoot.task.terms import terms
 
 if TYPE_CHECKING:
-    from onnx import ModelProto
+    from onnx import GraphProto, ModelProto
 
 SUFFIX = ".onnx"
 ACTIVATIONS = {"tanh": "Tanh", "relu": "Relu", "elu": "Elu"}
@@ -44,35 +44,40 @@ def network_bytes(
         activation: between the layers, a key of `ACTIVATIONS`.
     """
     import onnx
-    from onnx import TensorProto, helper, numpy_helper
+    from onnx import helper
 
     # The normalisation is folded into the first layer: W (x - mean) / std + b.
     first_weight, first_bias = layers[0]
     scaled = first_weight / std
     layers = [(scaled, first_bias - scaled @ mean), *layers[1:]]
+    graph = _graph(layers, [*[activation] * (len(layers) - 1), "tanh" if squash else None])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    _set_contract(model, contract)
+    onnx.checker.check_model(model)
+    return model.SerializeToString()
+
+
+def _graph(layers: list[tuple[np.ndarray, np.ndarray]], activations: list[str | None]) -> GraphProto:
+    """A chain of linear layers, each with the activation that follows it."""
+    from onnx import TensorProto, helper, numpy_helper
+
     nodes, tensors, value = [], [], "observation"
-    for i, (weight, bias) in enumerate(layers):
+    for i, ((weight, bias), activation) in enumerate(zip(layers, activations, strict=True)):
         tensors.append(numpy_helper.from_array(weight.astype(np.float32), f"weight_{i}"))
         tensors.append(numpy_helper.from_array(bias.astype(np.float32), f"bias_{i}"))
         nodes.append(helper.make_node("Gemm", [value, f"weight_{i}", f"bias_{i}"], [f"linear_{i}"], transB=1))
         value = f"linear_{i}"
-        is_last = i == len(layers) - 1
-        if squash or not is_last:
-            kind = "tanh" if is_last else activation
-            nodes.append(helper.make_node(ACTIVATIONS[kind], [value], [f"{kind}_{i}"]))
-            value = f"{kind}_{i}"
+        if activation:
+            nodes.append(helper.make_node(ACTIVATIONS[activation], [value], [f"{activation}_{i}"]))
+            value = f"{activation}_{i}"
     nodes.append(helper.make_node("Identity", [value], ["action"]))
-    graph = helper.make_graph(
+    return helper.make_graph(
         nodes,
         "policy",
         [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["robots", layers[0][0].shape[1]])],
         [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["robots", layers[-1][0].shape[0]])],
         tensors,
     )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    _set_contract(model, contract)
-    onnx.checker.check_model(model)
-    return model.SerializeToString()
 
 
 def with_record(data: bytes, **entries: Any) -> bytes:

@@ -133,7 +133,6 @@ def _targets_table(agent: Agent, found: AgentCheck) -> Table:
 
 def verdict(agent: Agent, found: AgentCheck) -> list[str]:
     """Say in sentences whether it is the policy or the adapter."""
-    given = found.given
     said = []
     far = np.argsort(-found.target_error)[:_SHOWN_JOINTS]
     joints = ", ".join(f"{agent.robot.joint_names[joint]} {found.target_error[joint]:.3f}" for joint in far)
@@ -143,25 +142,28 @@ def verdict(agent: Agent, found: AgentCheck) -> list[str]:
     still = [name for name, moved in found.reactions.items() if moved <= _NO_REACTION]
     if still:
         said.append(f"It does not react to {', '.join(still)}.")
-    if found.stands:
-        said.append(f"It stands for the whole time, all {len(given.outcomes)} robots.")
-        said.extend(
-            f"It stands as well with {result.way.name}: standing does not tell whether that is right."
-            for result in found.indifferent_ways
-        )
-        lost = [result.way.name for result in found.commands if not result.follows]
-        if lost:
-            said.append(
-                f"It does not follow when {', '.join(lost)}. Either it was never taught to, or it is given the command "
-                "in another order or unit."
-            )
-        said.append("The adapter is right as far as this tells; what happens under a push is the policy's.")
-        return said
-    reasons = ", ".join(dict.fromkeys(outcome.reason for outcome in given.outcomes if not outcome.recovered))
-    said.append(
-        f"It does not stand: {given.num_stood} of {len(given.outcomes)} stood, {given.seconds:.1f} s ({reasons})."
+    return said + (_of_one_that_stands(found) if found.stands else _of_one_that_does_not(found))
+
+
+def _of_one_that_stands(found: AgentCheck) -> list[str]:
+    said = [f"It stands for the whole time, all {len(found.given.outcomes)} robots."]
+    said.extend(
+        f"It stands as well with {result.way.name}: standing does not tell whether that is right."
+        for result in found.indifferent_ways
     )
-    better = found.better_ways
+    lost = [result.way.name for result in found.commands if not result.follows]
+    if lost:
+        said.append(
+            f"It does not follow when {', '.join(lost)}. Either it was never taught to, or it is given the command "
+            "in another order or unit."
+        )
+    return [*said, "The adapter is right as far as this tells; what happens under a push is the policy's."]
+
+
+def _of_one_that_does_not(found: AgentCheck) -> list[str]:
+    given, better = found.given, found.better_ways
+    reasons = ", ".join(dict.fromkeys(outcome.reason for outcome in given.outcomes if not outcome.recovered))
+    said = [f"It does not stand: {given.num_stood} of {len(given.outcomes)} stood, {given.seconds:.1f} s ({reasons})."]
     if better:
         said.append(
             f"It is the adapter: {better[0].num_stood} of {len(given.outcomes)} stand with {better[0].way.name}."

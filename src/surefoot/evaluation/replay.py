@@ -43,14 +43,7 @@ def find_policy(name: str, digest: str, given: str | Path | None = None, robot_n
     """
     robot = load_robot(robot_name) if robot_name else usual_robot()
     if given is not None:
-        folder = Path(given)
-        files = sorted(map(str, folder.glob(f"*{SUFFIX}"))) if folder.is_dir() else [str(given)]
-        loaded = [_load(file, robot) for file in files] or [load_policy(given)]
-        for policy in loaded:
-            if policy.digest == digest:
-                return policy
-        found = ", ".join(policy.digest[:12] for policy in loaded)
-        raise UserError(f"{given} is another policy: its digest is {found}, that of '{name}' is {digest[:12]}")
+        return _given_policy(name, digest, given, robot)
     if is_controller(name):
         controller = load_agent(name, robot)
         if controller.digest == digest:
@@ -67,6 +60,18 @@ def find_policy(name: str, digest: str, given: str | Path | None = None, robot_n
         f"no policy '{name}' of digest {digest[:12]} among the shipped ones ({', '.join(shipped_policies())}) and in "
         f"{RUNS}/; give it with --policy"
     )
+
+
+def _given_policy(name: str, digest: str, given: str | Path, robot: Robot) -> Agent:
+    """The policy of a digest in a run folder, or the one that is named, if it has this digest."""
+    folder = Path(given)
+    files = sorted(map(str, folder.glob(f"*{SUFFIX}"))) if folder.is_dir() else [str(given)]
+    loaded = [_load(file, robot) for file in files] or [load_policy(given)]
+    for policy in loaded:
+        if policy.digest == digest:
+            return policy
+    found = ", ".join(policy.digest[:12] for policy in loaded)
+    raise UserError(f"{given} is another policy: its digest is {found}, that of '{name}' is {digest[:12]}")
 
 
 def _load(name: str, robot: Robot) -> Agent:

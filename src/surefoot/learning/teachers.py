@@ -234,21 +234,25 @@ def read_teachers(
     known = folder.load_checkpoint()[1]["teachers"] if resume else unknown
     teachers = []
     for table, policy, measured in zip(tables, policies, known, strict=True):
-        values = {key: value for key, value in table.items() if key not in _MEASURED} | measured
-        if not measured:
-            beyond = dict(values.get("beyond", {}))
-            for body in table.get("beyond_standing", ()):
-                beyond[body] = _beyond_standing(policies[0], body, num_threads)
-            values["beyond"] = beyond
-            if table.get("beyond_held"):
-                values["capture_point"] = capture_points.held_capture_points(policies[0], env, num_threads)
-        values.pop("policy", None)
+        borders = measured or _borders(table, policies[0], env, num_threads)
+        values = {key: value for key, value in table.items() if key not in ("policy", *_MEASURED)} | borders
         try:
             teachers.append(Teacher(policy, **values))
         except TypeError as error:
             valid = "policy, beyond, beyond_standing, capture_point, beyond_held, weight"
             raise UserError(f"unknown key of the teacher {table.get('policy')}; valid: {valid}") from error
     return teachers
+
+
+def _borders(table: Mapping[str, Any], first: NetworkAgent, env: EnvConfig, num_threads: int) -> dict[str, Any]:
+    """Borders of a teacher that are told by its table or measured on the first teacher."""
+    beyond = dict(table.get("beyond", {}))
+    for body in table.get("beyond_standing", ()):
+        beyond[body] = _beyond_standing(first, body, num_threads)
+    borders: dict[str, Any] = {"beyond": beyond}
+    if table.get("beyond_held"):
+        borders["capture_point"] = capture_points.held_capture_points(first, env, num_threads)
+    return borders
 
 
 def _read_policy(name: str, folder: Path) -> NetworkAgent:
