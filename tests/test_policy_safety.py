@@ -106,7 +106,7 @@ def other_names(graph: onnx.GraphProto) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (change_nodes(a_loop()), "it has the operator 'Loop'; valid: Gemm, Tanh, Identity"),
+        (change_nodes(a_loop()), "it has the operator 'Loop'; valid: Gemm, Tanh, Relu, Elu, Identity"),
         (change_nodes(helper.make_node("Mine", ["action"], ["x"], domain="mine")), "it has the operator 'Mine'"),
         (change_nodes(helper.make_node("Tanh", ["observation"], ["x"])), "its layers are no chain"),
         (put("weight_0", np.full((8, 47), np.nan, np.float32)), "'weight_0' has numbers that are not finite"),
