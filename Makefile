@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: help install docs check test test-fast fuzz kill soak demo quick-demo bench results results-tables results-controllers results-engines results-ring results-holosoma screenshots clean
+.PHONY: help install docs check test test-fast fuzz kill soak demo quick-demo bench results results-tables results-controllers results-engines results-strategies results-ring results-holosoma screenshots clean
 
 help:
 	@echo "make demo    train a policy for about three minutes, evaluate it, draw pictures"
@@ -104,6 +104,13 @@ results-engines: $(READY)
 	for p in $(ALGORITHMS); do for e in mujoco pybullet; do \
 	    $(BIN)/surefoot evaluate $$p --engine $$e --results runs/engines.sqlite || exit 1; done; done
 	$(BIN)/surefoot report runs/engines.sqlite --out runs/engines.html --markdown runs/engines.md
+
+# How policies, robots and engines answer pushes, an hour on two cores; surefoot pictures draws it.
+STRATEGIES := $(BIN)/surefoot strategies --trials 3 --out results/strategies.csv
+results-strategies: $(READY)
+	for p in best $(ALGORITHMS) results/g1/g1-ddpg.onnx; do $(STRATEGIES) $$p || exit 1; done
+	$(STRATEGIES) ppo --engine pybullet --directions 8
+	$(BIN)/surefoot pictures --policy best
 
 # What docs/foreign-policies.md says of friction; needs `pip install --no-deps holosoma-inference==0.1.3`.
 results-holosoma: $(READY)

@@ -13,6 +13,7 @@ from PIL import Image
 from surefoot.agents.nominal import NominalAgent
 from surefoot.cli.strategies import Strategies
 from surefoot.errors import UserError
+from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.strategy_map import (
     GIVES_WAY,
     StrategyCell,
@@ -132,3 +133,9 @@ def test_the_command_names_wrong_numbers(tmp_path: Path) -> None:
         Strategies(trials=0).main()
     with pytest.raises(UserError, match="no strategies to draw"):
         side_by_side([], tmp_path / "map.png")
+
+
+def test_the_committed_table_is_one_of_todays_protocol() -> None:
+    cells = read_strategies(Path(__file__).parents[1] / "results" / "strategies.csv")
+    assert {cell.protocol for cell in cells} == {PROTOCOL.version}
+    assert "best" in {cell.name for cell in cells}
