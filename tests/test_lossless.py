@@ -15,6 +15,7 @@ import pytest
 import torch
 from conftest import full_after, tiny
 
+import surefoot.learning.train as train_module
 from surefoot.agents.network import NetworkAgent
 from surefoot.cli.train import Train
 from surefoot.errors import UserError
@@ -22,22 +23,12 @@ from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.scenarios import DIRECTIONS
 from surefoot.learning.curve import read_curve
 from surefoot.learning.run_folder import BEST, CURVE, LAST, RunFolder
-from surefoot.learning.standing import CELLS, GradedValidation
-from surefoot.learning.train import Trainer, go_on, train
-from surefoot.learning.validation import (
-    FIRST_SEED,
-    NUM_DIRECTIONS,
-    NUM_IMPULSES,
-    QUIET_CELL,
-    QUIET_DRIFT,
-    QUIET_POWER,
-    SCORE_VERSION,
-    SPACING,
-    Validation,
-)
+from surefoot.learning.train import CHECKPOINT_S, Trainer, go_on, train
+from surefoot.learning.validation import SCORE_VERSION, Validation
 from surefoot.whole_file import sweep, write_whole
 
 pytestmark = pytest.mark.slow
+RELIABILITY = Path(__file__).parents[1] / "docs" / "reliability.md"
 WRITES = 5
 """Files that a validation writes: the checkpoint, and then the best, the newest and the kept policy and the curve."""
 
@@ -137,20 +128,6 @@ def test_a_best_policy_whose_score_counted_something_else_is_validated_again(
     keep(again, 0.5)
     assert score_of(tmp_path / "run" / BEST) == 0.5, "0.9 of another score is not more than 0.5 of this one"
     assert resumed(tmp_path / "run").kept.best_score == 0.5, "now it is of today"
-
-
-def test_a_score_adds_shares_and_impulses_without_a_hole() -> None:
-    impulses = {"forward": 54.0, "left": 162.0, "backward": 270.0, "right": 54.0}
-    found = Validation(
-        recovered=0.9, within_limits=0.5, fell=0.1, rejected=impulses, rejected_within_limits=impulses, quiet=0.25,
-        power=1.0, largest=540.0,
-    )  # fmt: skip
-    # 0.5 + (54 + 135) / 540 + 0.25; whoever changes this, or the trials below, raises SCORE_VERSION.
-    assert (found.score, SCORE_VERSION) == (pytest.approx(1.1), 1)
-    numbers = NUM_DIRECTIONS, SPACING, NUM_IMPULSES, QUIET_CELL, QUIET_POWER, QUIET_DRIFT, FIRST_SEED
-    assert numbers == (8, 6, 15, 17, 20.0, 0.01, 1_000_000)
-    graded = GradedValidation(**vars(found), held=0.5)
-    assert (graded.score, CELLS[0], CELLS[-1]) == (pytest.approx(2.1), 5, 18)
 
 
 # Before the first checkpoint.
@@ -280,6 +257,25 @@ def test_a_cut_last_row_of_the_curve_is_repaired(cut: int, of_version_01: bool, 
     assert [row["recovered"] for row in read_curve(curve)] == rows
     keep(again, 0.5)
     assert [row["recovered"] for row in read_curve(curve)] == [*rows, 0.5]
+
+
+# What a kill costs a run.
+
+
+def test_a_checkpoint_is_written_whenever_its_time_has_passed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_no_time: None
+) -> None:
+    steps, save = list[int](), Trainer.checkpoint
+    monkeypatch.setattr(Trainer, "checkpoint", lambda self: (steps.append(self.progress.steps), save(self)))
+    train(tiny("ppo"), tmp_path / "seldom")
+    seldom = len(steps)
+    monkeypatch.setattr(train_module, "CHECKPOINT_S", 0.0)
+    train(tiny("ppo"), tmp_path / "often")
+    often = steps[seldom:]
+    assert len(often) > seldom
+    assert often == sorted(set(often)), "one between any two rollouts"
+    assert "since its last checkpoint: 30 s" in RELIABILITY.read_text()
+    assert CHECKPOINT_S == 30.0
 
 
 # The same bits.

@@ -22,8 +22,20 @@ from surefoot.learning.ablations import LEFT_OUT, ablate, without
 from surefoot.learning.models import make_model
 from surefoot.learning.sb3 import SB3VecEnv
 from surefoot.learning.selection import best_candidate, files, means, shipped_bytes, validate_candidate
+from surefoot.learning.standing import CELLS, GradedValidation
 from surefoot.learning.suite_validation import UP_TO, validate_suite
-from surefoot.learning.validation import validate
+from surefoot.learning.validation import (
+    FIRST_SEED,
+    NUM_DIRECTIONS,
+    NUM_IMPULSES,
+    QUIET_CELL,
+    QUIET_DRIFT,
+    QUIET_POWER,
+    SCORE_VERSION,
+    SPACING,
+    Validation,
+    validate,
+)
 from surefoot.report.ablations import ablation_table
 from surefoot.robots import load_robot
 from surefoot.task.contract import Contract
@@ -42,6 +54,20 @@ def test_a_validation_uses_trials_that_the_evaluation_never_sees() -> None:
     assert 0.05 < found.within_limits <= found.recovered
     assert all(found.rejected_within_limits[name] <= impulse for name, impulse in found.rejected.items())
     assert set(found.rejected) >= {"forward", "left", "backward", "right", "45"}
+
+
+def test_a_score_adds_shares_and_impulses_without_a_hole() -> None:
+    impulses = {"forward": 54.0, "left": 162.0, "backward": 270.0, "right": 54.0}
+    found = Validation(
+        recovered=0.9, within_limits=0.5, fell=0.1, rejected=impulses, rejected_within_limits=impulses, quiet=0.25,
+        power=1.0, largest=540.0,
+    )  # fmt: skip
+    # 0.5 + (54 + 135) / 540 + 0.25; whoever changes this, or the trials below, raises SCORE_VERSION.
+    assert (found.score, SCORE_VERSION) == (pytest.approx(1.1), 1)
+    numbers = NUM_DIRECTIONS, SPACING, NUM_IMPULSES, QUIET_CELL, QUIET_POWER, QUIET_DRIFT, FIRST_SEED
+    assert numbers == (8, 6, 15, 17, 20.0, 0.01, 1_000_000)
+    graded = GradedValidation(**vars(found), held=0.5)
+    assert (graded.score, CELLS[0], CELLS[-1]) == (pytest.approx(2.1), 5, 18)
 
 
 def test_validations_of_other_rounds_use_other_trials_and_some_other_directions() -> None:
