@@ -12,9 +12,10 @@ from conftest import Memory, an_outcome
 from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation import threshold_search as climb
-from surefoot.evaluation.evaluate import _Search, find_thresholds, full_length_outcomes, push_lines
+from surefoot.evaluation.evaluate import find_thresholds, full_length_outcomes, push_lines
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenarios import Line, Scenario
+from surefoot.evaluation.searches import Searches
 from surefoot.evaluation.threshold_search import NUM_FULL_LENGTH, NUM_SCREENING, Threshold, wilson_interval
 from surefoot.evaluation.trials import Trial
 
@@ -72,7 +73,7 @@ class Arena:
         seed: int = 0,
         store: Memory | None = None,
     ):
-        search, rng = _Search(lines, store, None), np.random.default_rng(seed)
+        search, rng = Searches(lines, store, None), np.random.default_rng(seed)
         self.begun: list[Trial] = []
         self.most: dict[int, int] = {}
         running: list[Trial] = []

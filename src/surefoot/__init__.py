@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from surefoot.evaluation.scenarios import Scenario
     from surefoot.evaluation.threshold_search import Threshold
     from surefoot.evaluation.trials import Trial, run_trial
+    from surefoot.executors import Executor, open_executor
     from surefoot.learning.config import TrainConfig
     from surefoot.learning.exchange import policy_from, put_policy, state_dict
     from surefoot.learning.preset_file import preset
@@ -48,6 +49,7 @@ _HOMES = {
     "evaluation.scenarios": ("Scenario",),
     "evaluation.threshold_search": ("Threshold",),
     "evaluation.trials": ("Trial", "run_trial"),
+    "executors": ("Executor", "open_executor"),
     "learning.config": ("TrainConfig",),
     "learning.exchange": ("policy_from", "put_policy", "state_dict"),
     "learning.preset_file": ("preset",),
@@ -68,6 +70,7 @@ __all__ = [
     "DisturbanceConfig",
     "Drop",
     "EnvConfig",
+    "Executor",
     "Outcome",
     "Push",
     "PushRecoveryBatch",
@@ -85,6 +88,7 @@ __all__ = [
     "load_agent",
     "load_policy",
     "load_robot",
+    "open_executor",
     "policy_from",
     "preset",
     "put_policy",

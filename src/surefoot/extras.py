@@ -23,6 +23,10 @@ MODULES = {
     "daqp": "controllers",
     "yaml": "foreign",
     "pybullet": "pybullet",
+    "ray": "ray",
+    "distributed": "dask",
+    "dask": "dask",
+    "submitit": "slurm",
     "playwright": "dev",
 }
 """Module -> the extra that brings it."""

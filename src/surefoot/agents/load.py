@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copyreg
 import functools
 import importlib.resources
 from pathlib import Path
 
-from surefoot.agents.controllers import PREFIX, load_controller
+from surefoot.agents.controllers import PREFIX, ControllerAgent, load_controller
 from surefoot.agents.foreign.load import is_foreign, load_foreign
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.nominal import NominalAgent
@@ -42,6 +43,14 @@ def load_agent(name: str, robot: Robot | None = None) -> Agent:
     if robot and policy.robot.fingerprint != robot.fingerprint:
         raise UserError(f"{name} is a policy for {policy.robot.name}, not for {robot.name}")
     return policy
+
+
+def _load_again(name: str, robot: Robot) -> ControllerAgent:
+    return load_foreign(name, robot) if is_foreign(name) else load_controller(name, robot)
+
+
+# A controller travels by its name: whoever unpickles it loads its code or its network anew.
+copyreg.pickle(ControllerAgent, lambda agent: (_load_again, (agent.name, agent.robot)))
 
 
 def is_controller(name: str) -> bool:

@@ -59,11 +59,15 @@ class NetworkAgent(ObservingAgent):
         self.robot = contract.check()
         self.name = name
         self.digest = hashlib.sha256(data).hexdigest()
-        self._data = data
+        self._data, self._source = data, source
         self._check_sizes(source)
         self._input = self._session.get_inputs()[0].name
         self._nominal = np.array(contract.nominal_pose)
         self._memory = self.new_memory()
+
+    def __reduce__(self) -> tuple[type[NetworkAgent], tuple[bytes, str, str]]:
+        """A policy travels as its file's bytes, so that a worker need not see the file."""
+        return NetworkAgent, (self._data, self.name, self._source)
 
     def new_memory(self) -> Memory:
         """A memory of what the network takes of the past, for a caller that asks for `actions`."""

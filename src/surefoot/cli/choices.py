@@ -21,6 +21,8 @@ VALID = {
     "direction": "{forward,left,backward,right}|DEGREES",
     "engine": "{mujoco,pybullet}",
     "host": "ADDRESS [NAME ...]",
+    "address": "HOST:PORT|local",
+    "executor": "{local,processes,ray,dask,slurm}",
     "json": "FILE|-",
     "layout": "{rsl_rl,rsl_rl-3,skrl,skrl-shared,sb3,sb3-td3,sb3-sac}",
     "policy": "POLICY",

@@ -12,19 +12,21 @@ import tyro
 from rich.console import Console
 
 from surefoot.cli.terminal import chosen_robot, evaluation_bar, results_console, say, write_json
+from surefoot.cli.work import Work
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
     from surefoot.agents.controllers.step_times import Timing
     from surefoot.evaluation.evaluate import Evaluated
     from surefoot.evaluation.scenarios import Scenario
+    from surefoot.executors import Executor
     from surefoot.report.thresholds import Fixed
     from surefoot.robots import Robot
     from surefoot.task.agent import Agent
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(Work):
     """Find how hard a push a policy survives, by the one definition of success (surefoot docs method)."""
 
     policy: Annotated[str, tyro.conf.Positional]
@@ -67,7 +69,9 @@ class Evaluate:
         agent = load_agent(self.policy, chosen_robot(self.robot))
         scenarios = chosen_scenarios(self.suite, self.directions, agent.robot)
         output = results_console(self.json)
-        metrics = evaluate_agent(agent, scenarios, self.results, output, self.export_thresholds, engine=self.engine)
+        export, engine = self.export_thresholds, self.engine
+        with self.opened() as executor:
+            metrics = evaluate_agent(agent, scenarios, self.results, output, export, engine=engine, executor=executor)
         if self.export:
             with Results(self.results) as results:
                 results.export("trials", self.export)
@@ -83,6 +87,7 @@ def evaluate_agent(
     export: Path | None = None,
     learned_minutes: float | None = None,
     engine: str = "mujoco",
+    executor: Executor | None = None,
 ) -> dict[str, float]:
     """Run, print and keep some scenarios of one agent.
 
@@ -95,6 +100,7 @@ def evaluate_agent(
         learned_minutes: of a policy that has only begun to learn: it is set beside others of that age, and not beside
             the lines to beat.
         engine: name of the physics engine.
+        executor: whose workers run the trials; this process without it.
 
     Returns:
         Its metrics.
@@ -109,7 +115,7 @@ def evaluate_agent(
     robot, pose = agent.robot, np.array(agent.contract.nominal_pose)
     with Results(path, engine) as results:
         with evaluation_bar(sum(len(scenario.lines()) for scenario in scenarios)) as show:
-            done = evaluate_and_store(agent, scenarios, results, show)
+            done = evaluate_and_store(agent, scenarios, results, show, executor)
         controller = ControllerAgent.among(agent)
         if controller and controller.times.num_steps:
             results.add_timing(agent, measure(controller))

@@ -49,6 +49,7 @@ LIMITS = {
     "speed": Limit(0.01, 100.0),
     "steps": Limit(1, 10**12),
     "times": Limit(-600.0, 600.0),
+    "workers": Limit(1, 100_000),
 }
 """Option -> its valid numbers, the same for all commands that have it."""
 

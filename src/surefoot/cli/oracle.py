@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from surefoot.cli.terminal import chosen_robot, console
+from surefoot.cli.work import Work
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ COLUMNS = ("agent", "scenario", "direction", "angle_deg", "size", "unit", "succe
 
 
 @dataclass(frozen=True)
-class Oracle:
+class Oracle(Work):
     """Find how hard a push is possible to reject for a robot that knows it, by trajectory optimisation.
 
     Offsets to an agent's joint targets are searched in a batch of robots, with all limits in force. What is found is
@@ -61,13 +62,15 @@ class Oracle:
         agent = load_agent(self.agent, chosen_robot(self.robot))
         lines = self._lines(agent)
         known = _read(self.export) if self.export else {}
-        with _progress(len(lines)) as show:
-            for line in lines:
-                key = (agent.name, line.scenario.name, line.name)
-                if key not in known:
-                    known[key] = _row(agent, largest_possible(agent, line, FIRST_SIZE, show(line)))
-                    if self.export:
-                        _write(self.export, known.values())
+        todo = [line for line in lines if (agent.name, line.scenario.name, line.name) not in known]
+        with self.opened() as executor, _progress(len(todo)) as (show, count):
+            told = [show(line) if executor.is_local else None for line in todo]
+            tasks = [(agent, line, FIRST_SIZE, tell) for line, tell in zip(todo, told, strict=True)]
+            for place, found in executor.run(largest_possible, tasks):
+                known[agent.name, found.line.scenario.name, todo[place].name] = _row(agent, found)
+                if self.export:
+                    _write(self.export, known.values())
+                count()
         rows = [known[agent.name, line.scenario.name, line.name] for line in lines]
         self._print(agent, rows)
         if self.picture:
@@ -117,26 +120,25 @@ class Oracle:
         polar_map(points, bound, self.picture, title="Possible and rejected impulses")
 
 
+Show = Callable[[float, int, float], None]
+
+
 @contextmanager
-def _progress(num_lines: int) -> Iterator[Callable[[Line], Callable[[float, int, float], None]]]:
-    """A bar of lines done, with the size, the iteration and the share of samples of the line that is searched."""
+def _progress(num_lines: int) -> Iterator[tuple[Callable[[Line], Show], Callable[[], None]]]:
+    """A bar of lines done: what tells it of a line's size, iteration and share of samples, and of its end."""
     columns = (SpinnerColumn(), BarColumn(bar_width=12), TextColumn("{task.fields[says]}"), TimeElapsedColumn())
     with Progress(*columns, console=console) as bar:
         task = bar.add_task("oracle", total=num_lines, says="searching")
-        done = -1
 
-        def begin(line: Line) -> Callable[[float, int, float], None]:
-            nonlocal done
-            done += 1
-
+        def of_line(line: Line) -> Show:
             def show(size: float, iteration: int, share: float) -> None:
                 says = f"{line.name}: {size:g} {line.scenario.unit}, iteration {iteration + 1}, {share:.0%} succeed"
-                bar.update(task, completed=done, says=says)
+                bar.update(task, says=says)
 
             return show
 
-        yield begin
-        bar.update(task, completed=num_lines, says="done")
+        yield of_line, lambda: bar.advance(task)
+        bar.update(task, says="done")
 
 
 def _row(agent: Agent, found: Possible) -> dict[str, str]:

@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from surefoot.cli.terminal import clock, evaluation_bar, needs_torch, say, training_bar
+from surefoot.cli.work import Work
 
 if TYPE_CHECKING:
     from surefoot.cli.study import Study
+    from surefoot.executors import Executor
 
 
 @dataclass(frozen=True)
-class Reproduce:
+class Reproduce(Work):
     """The paper's whole study: train three algorithms over seeds, evaluate each on the paper's tests, make the page.
 
     Every stage that is done is skipped, so that the same command goes on after an interruption. Seven seeds as in the
@@ -43,7 +45,12 @@ class Reproduce:
         scenarios = suite(self.suite, usual_robot())
         study = reproduce.Study(self.out, num_seeds, self.minutes, self.preset, scenarios=scenarios)
         try:
-            self._run(study)
+            with self.opened() as executor:
+                if executor.is_local:
+                    self._run(study)
+                else:
+                    self._spread(study, executor)
+                self._report(study)
         except KeyboardInterrupt:
             say("interrupted; the same command goes on from here")
             raise
@@ -69,6 +76,24 @@ class Reproduce:
                     with evaluation_bar(num_lines) as watch:
                         reproduce.evaluate_run(run, watch)
                     measured.append(time.monotonic() - began)
-        say(f"{2 * len(runs) + 1}/{2 * len(runs) + 1} report")
+
+    def _spread(self, study: Study, executor: Executor) -> None:
+        """Let workers train all that is left, then evaluate all of it."""
+        from surefoot.cli import study as reproduce
+
+        runs = study.runs()
+        todo = [run for run in runs if not run.is_trained]
+        study.out.mkdir(parents=True, exist_ok=True)
+        say(f"{len(runs) - len(todo)} of {len(runs)} trainings are done; {len(todo)} are left")
+        for place, _ in executor.run(reproduce.train_shared, [(run,) for run in todo]):
+            say(f"trained {todo[place].folder.name}")
+        num_lines = len(runs) * sum(len(scenario.lines()) for scenario in study.scenarios)
+        with evaluation_bar(num_lines) as watch:
+            reproduce.evaluate_runs(runs, executor, watch)
+
+    def _report(self, study: Study) -> None:
+        from surefoot.cli import study as reproduce
+
+        say("report")
         reproduce.report_study(study)
         say(f"page: {study.out / 'report.html'}")

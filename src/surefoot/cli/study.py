@@ -15,7 +15,10 @@ from surefoot.agents.load import load_policy
 from surefoot.evaluation.evaluate import OnProgress, evaluate_and_store
 from surefoot.evaluation.results import Results
 from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.spread import spread
 from surefoot.evaluation.suites import PAPER
+from surefoot.executors import Executor
+from surefoot.executors.shared_folder import check_shared
 from surefoot.learning.config import TrainConfig, with_budget
 from surefoot.learning.curve import read_curves
 from surefoot.learning.preset_file import preset
@@ -101,6 +104,25 @@ def train_run(run: Run, on_progress: Callable[[Progress], None] | None = None) -
         return
     go_on(run.config, run.folder, on_progress)
     (run.folder / _TRAINED).touch()
+
+
+def train_shared(run: Run) -> None:
+    """Train on a worker, in a folder that it shares with who asks; errors are those of `train_run`."""
+    check_shared(run.study.out)
+    train_run(run)
+
+
+def evaluate_runs(runs: Sequence[Run], executor: Executor, on_progress: OnProgress | None = None) -> None:
+    """Run all scenarios of the study that are not in the results table yet, all runs' lines together."""
+    todo = [(load_policy(run.folder), run.study) for run in runs if not run.is_evaluated]
+    if not todo:
+        return
+    study = todo[0][1]
+    with Results(study.results) as results:
+        found = spread([policy for policy, _ in todo], study.scenarios, results, executor, on_progress)
+        for policy, _ in todo:
+            spent = sum(done.seconds for task, done in found if task.agent.digest == policy.digest)
+            evaluate_and_store(policy, study.scenarios, results, spent_s=spent)
 
 
 def evaluate_run(run: Run, on_progress: OnProgress | None = None) -> None:

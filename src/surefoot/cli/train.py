@@ -14,10 +14,12 @@ import tyro
 
 from surefoot.cli.settings import print_settings, with_settings
 from surefoot.cli.terminal import console, needs_torch, say, training_bar, working
+from surefoot.cli.work import Work
 from surefoot.errors import UserError
 
 if TYPE_CHECKING:
     from surefoot.learning.config import TrainConfig
+    from surefoot.learning.selection import Candidate
     from surefoot.learning.stages import Stage
     from surefoot.learning.training_log import LogConfig
 
@@ -200,7 +202,7 @@ def _resumable(folder: Path) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Select:
+class Select(Work):
     """Choose the best of several runs' policies by held-out trials that no training has seen."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -222,25 +224,29 @@ class Select:
         competing = files(self.runs)
         if self.mean_minutes:
             competing += [file for run in self.runs if run.is_dir() for file in means(run, self.mean_minutes)]
-        candidates = []
-        for file in competing:
-            with working(f"validating {file}"):
-                found = validate_candidate(file, self.rounds)
-            candidates.append(found)
-            worst = min(found.rejected, key=lambda name: found.rejected[name])
-            say(
-                f"{file}: {found.within_limits:.3f} recovered within limits ({found.recovered:.3f} in all), "
-                f"{found.quiet:.2f} quiet, worst direction {worst} {found.rejected[worst]:.0f} Ns; "
-                + ", ".join(f"{name} {share:.2f}" for name, share in found.passed.items())
-            )
-        best = best_candidate(candidates)
+        tasks = [(file, self.rounds, file.read_bytes()) for file in competing]
+        candidates: dict[int, Candidate] = {}
+        with self.opened() as executor, working(f"validating {len(competing)} policies"):
+            for place, found in executor.run(validate_candidate, tasks):
+                candidates[place] = found
+                self._say(found)
+        best = best_candidate([candidates[place] for place in sorted(candidates)])
         say(f"best: {best.file}")
         if self.out:
             write_whole(self.out, shipped_bytes(best))
 
+    def _say(self, found: Candidate) -> None:
+        """Tell what held-out trials say of a policy."""
+        worst = min(found.rejected, key=lambda name: found.rejected[name])
+        say(
+            f"{found.file}: {found.within_limits:.3f} recovered within limits ({found.recovered:.3f} in all), "
+            f"{found.quiet:.2f} quiet, worst direction {worst} {found.rejected[worst]:.0f} Ns; "
+            + ", ".join(f"{name} {share:.2f}" for name, share in found.passed.items())
+        )
+
 
 @dataclass(frozen=True)
-class Ablate:
+class Ablate(Work):
     """What each part of the preset `fast` gives DDPG: learn without one of them at a time, and compare.
 
     A run that is done is skipped, so that the same command goes on after an interruption. Each takes about two minutes
@@ -264,15 +270,18 @@ class Ablate:
             from surefoot.learning.ablations import LEFT_OUT, ablate
         from surefoot.report.ablations import ablation_table
 
-        curves = {}
-        for name in self._names() or LEFT_OUT:
-            say(f"without {name}: {self.steps:,} policy steps in {self.out / name}")
-            with training_bar() as show:
-                curves[name] = ablate(name, self.out, self.steps, self.seed, show)
-            if self.export:
-                self.export.mkdir(parents=True, exist_ok=True)
-                shutil.copy(self.out / name / "curve.csv", self.export / f"{name}.csv")
-        console.print(ablation_table(curves).rich())
+        names, curves = self._names() or list(LEFT_OUT), {}
+        self.out.mkdir(parents=True, exist_ok=True)
+        say(f"{self.steps:,} policy steps in {self.out}, without: {', '.join(names)}")
+        with self.opened() as executor, training_bar() as show:
+            tasks = [(name, self.out, self.steps, self.seed, show if executor.is_local else None) for name in names]
+            for place, curve in executor.run(ablate, tasks):
+                curves[names[place]] = curve
+                say(f"done: without {names[place]}")
+                if self.export:
+                    self.export.mkdir(parents=True, exist_ok=True)
+                    shutil.copy(self.out / names[place] / "curve.csv", self.export / f"{names[place]}.csv")
+        console.print(ablation_table({name: curves[name] for name in names}).rich())
 
     def _names(self) -> list[str]:
         """What to leave out, in today's words."""

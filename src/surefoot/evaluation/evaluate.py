@@ -4,43 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from surefoot.agents.load import load_agent
-from surefoot.evaluation.half_search import HalfSearch
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.protocol import PROTOCOL, protocol_for
 from surefoot.evaluation.results import Results
 from surefoot.evaluation.scenario_file import suite as read_suite
 from surefoot.evaluation.scenarios import DIRECTIONS, Line, Scenario, with_limits
-from surefoot.evaluation.threshold_search import FixedTrials, Threshold, ThresholdSearch, TrialRequest
+from surefoot.evaluation.searches import OnProgress, Searches, Store
+from surefoot.evaluation.spread import spread
+from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trial_store import TrialStore
-from surefoot.evaluation.trials import NUM_SLOTS, Trial, TrialSource, run_trials
+from surefoot.evaluation.trials import NUM_SLOTS, run_trials
+from surefoot.executors import Executor
 from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.robots import Robot
 from surefoot.task.agent import Agent
 
-__all__ = ["DIRECTIONS", "Line", "Store", "Threshold", "find_thresholds", "push_lines", "run_scenarios"]
-
-
-class Store(Protocol):
-    """Keeps outcomes, so that an interrupted evaluation repeats nothing."""
-
-    def get(self, trial: Trial) -> Outcome | None:
-        """The outcome of a trial, if it is known."""
-        ...
-
-    def put(self, trial: Trial, outcome: Outcome, scenario: str) -> None:
-        """Keep the outcome of a trial that was run for a scenario."""
-        ...
-
-
-OnProgress = Callable[[int, int, list[tuple[Line, float]]], None]
-"""Told after every trial: trials done, lines done, and the size reached along each line."""
+__all__ = ["DIRECTIONS", "Line", "OnProgress", "Store", "Threshold", "find_thresholds", "push_lines", "run_scenarios"]
 
 
 def push_lines(num_directions: int = 4, robot: Robot | None = None) -> list[Line]:
@@ -76,7 +61,7 @@ def run_scenarios(
     thresholds: list[Threshold] = []
     for domain in dict.fromkeys(scenario.domain for scenario in scenarios):
         lines = [line for s in scenarios if s.domain == domain for line in s.lines(protocol)]
-        search = _Search(lines, store, on_progress)
+        search = Searches(lines, store, on_progress)
         run_trials(policy, search, domain=domain, **options)
         thresholds += search.thresholds()
     return thresholds
@@ -91,7 +76,7 @@ def find_thresholds(
     num_threads: int = 0,
 ) -> list[Threshold]:
     """Search several lines of one world at once, in one batch of robots; arguments as for `run_scenarios`."""
-    search = _Search(lines, store, on_progress)
+    search = Searches(lines, store, on_progress)
     run_trials(policy, search, num_slots, num_threads, domain=lines[0].scenario.domain)
     return search.thresholds()
 
@@ -116,9 +101,23 @@ def evaluate_and_store(
     scenarios: Sequence[Scenario],
     results: Results,
     on_progress: OnProgress | None = None,
+    executor: Executor | None = None,
+    spent_s: float = 0.0,
 ) -> Evaluated:
-    """Run what the results table does not hold yet of these scenarios, and keep it there."""
-    began, store = time.monotonic(), results.trials_of(agent)
+    """Run what the results table does not hold yet of these scenarios, and keep it there.
+
+    Args:
+        agent: that is tested.
+        scenarios: what it is tested in.
+        results: the table, which this process alone writes.
+        on_progress: told after every trial, or after every line that workers have done.
+        executor: whose workers run the trials; this process without it.
+        spent_s: time that was spent on it before [s].
+    """
+    began = time.monotonic() - spent_s
+    if executor and not executor.is_local:
+        spread([agent], scenarios, results, executor, on_progress)
+    store = results.trials_of(agent)
     thresholds = run_scenarios(agent, scenarios, store, on_progress, engine=results.engine)
     wall_s = time.monotonic() - began
     results.add_thresholds(agent, thresholds)
@@ -133,6 +132,7 @@ def evaluate(
     results: str | Path | None = None,
     on_progress: OnProgress | None = None,
     engine: str = DEFAULT_ENGINE,
+    executor: Executor | None = None,
 ) -> list[Threshold]:
     """Find how hard a disturbance an agent survives, by the one definition of success (docs/method.md).
 
@@ -146,6 +146,7 @@ def evaluate(
             nothing is kept.
         on_progress: told after every trial.
         engine: name of the physics engine: "mujoco" or "pybullet".
+        executor: whose workers run the trials, see `open_executor`; this process without it.
 
     Returns:
         The largest size that holds along each line that is searched, once with any joint speeds and once within the
@@ -156,10 +157,8 @@ def evaluate(
     """
     agent = load_agent(agent) if isinstance(agent, str) else agent
     scenarios = chosen_scenarios(suite, directions, agent.robot) if isinstance(suite, str) else with_limits(suite)
-    if results is None:
-        return run_scenarios(agent, scenarios, None, on_progress, engine=engine)
-    with Results(results, engine) as table:
-        return evaluate_and_store(agent, scenarios, table, on_progress).thresholds
+    with Results(":memory:" if results is None else results, engine) as table:
+        return evaluate_and_store(agent, scenarios, table, on_progress, executor).thresholds
 
 
 def chosen_scenarios(suite: str, directions: int | None, robot: Robot) -> list[Scenario]:
@@ -189,76 +188,3 @@ def full_length_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:
     cell = round(threshold.size / threshold.line.grid)
     trials = (threshold.line.trial(cell, seed, full_length=True) for seed in range(threshold.trials))
     return [outcome for trial in trials if (outcome := store.get(trial))]
-
-
-AnySearch = ThresholdSearch | HalfSearch | FixedTrials
-
-
-def _search_of(line: Line, recall: Callable[[Trial], Outcome | None]) -> AnySearch:
-    """What hands out the trials of a line."""
-    if not line.scenario.search:
-        return FixedTrials(line)
-    return HalfSearch(line, recall) if line.scenario.half else ThresholdSearch(line, recall)
-
-
-class _Search(TrialSource):
-    """Hands out the trials of all lines in turn, and known outcomes without running them."""
-
-    def __init__(self, lines: Sequence[Line], store: Store | None, on_progress: OnProgress | None):
-        self._recall = store.get if store is not None else lambda trial: None
-        self.searches = [_search_of(line, self._recall) for line in lines]
-        self._store = store
-        self._on_progress = on_progress
-        self._num_done = 0
-        self._turn = deque(self.searches)
-        self._running: dict[Trial, list[tuple[AnySearch, TrialRequest]]] = {}
-
-    def thresholds(self) -> list[Threshold]:
-        """The thresholds of all lines that are searched."""
-        return [search.result() for search in self.searches if not isinstance(search, FixedTrials)]
-
-    def next(self) -> Trial | None:
-        """The next trial that is neither known nor running."""
-        while (found := self._next_request()) is not None:
-            search, request = found
-            if request.trial in self._running:  # two lines may ask for the same trial, with and without stepping
-                self._running[request.trial].append((search, request))
-                continue
-            known = self._recall(request.trial)
-            if known is None:
-                self._running[request.trial] = [(search, request)]
-                return request.trial
-            search.report(request, known)
-        return None
-
-    def _next_request(self) -> tuple[AnySearch, TrialRequest] | None:
-        """What is needed comes first; only if nothing is, what may be needed."""
-        for ahead in (False, True):
-            for _ in range(len(self._turn)):
-                search = self._turn[0]
-                self._turn.rotate(-1)
-                request = search.next(ahead)
-                if request is not None:
-                    return search, request
-        return None
-
-    def report(self, trial: Trial, outcome: Outcome) -> None:
-        """Store an outcome and tell the lines that asked for it."""
-        requested = self._running.pop(trial)
-        if self._store is not None:
-            self._store.put(trial, outcome, requested[0][0].line.scenario.name)
-        for search, request in requested:
-            search.report(request, outcome)
-        self._num_done += 1
-        if self._on_progress:
-            num_lines = sum(search.done for search in self.searches)
-            self._on_progress(self._num_done, num_lines, [(search.line, search.reached) for search in self.searches])
-
-    def wants(self, trial: Trial) -> bool:
-        """Whether any line still wants the outcome of a running trial."""
-        return any(search.wants(request) for search, request in self._running[trial])
-
-    def drop(self, trial: Trial) -> None:
-        """Tell the lines that asked for a trial that it was stopped."""
-        for search, request in self._running.pop(trial):
-            search.drop(request)

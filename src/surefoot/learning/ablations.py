@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
+from surefoot.executors.shared_folder import check_shared
 from surefoot.learning.config import HALF_LIFE_GAMMA, PAPER_LAYERS, TrainConfig
 from surefoot.learning.curve import read_curve
 from surefoot.learning.preset_file import preset
@@ -72,7 +73,7 @@ def ablate(
 
     Args:
         name: a key of `LEFT_OUT`.
-        folder: a run folder in it is named `name`.
+        folder: that is there already; a run folder in it is named `name`.
         steps: policy steps of the run.
         seed: of everything random.
         on_progress: called a few times a second.
@@ -80,6 +81,7 @@ def ablate(
     Returns:
         The rows of its learning curve.
     """
+    check_shared(folder)
     run = folder / name
     go_on(without(name, steps, seed), run, on_progress)
     return read_curve(run / "curve.csv")

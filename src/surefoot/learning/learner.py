@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import Any
 
@@ -12,6 +11,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.policy_file import network_bytes
+from surefoot.cores import num_cores
 from surefoot.learning.actor import actor_network, network_layers, put_actor, put_layers, widen_critic
 from surefoot.learning.average import AveragedActor
 from surefoot.learning.config import TrainConfig
@@ -38,7 +38,7 @@ class Learner:
     def __init__(self, config: TrainConfig, learning_rate: Callable[[float], float]):
         self.config = config
         # DDPG's gradients need a core of their own while the robots move.
-        num_threads = max(1, (os.cpu_count() or 1) - 1) if config.algorithm == "ddpg" else 0
+        num_threads = max(1, num_cores() - 1) if config.algorithm == "ddpg" else 0
         self.env = make_env(config, num_threads)
         self.venv = SB3VecEnv(self.env, config.privileged_critic, config.past_observations, config.past_actions)
         self.rng = np.random.default_rng(config.seed)

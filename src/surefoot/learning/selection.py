@@ -119,9 +119,15 @@ def _means_of_run(run: Path, minutes: float) -> list[Path]:
     return found
 
 
-def validate_candidate(file: Path, num_rounds: int) -> Candidate:
-    """Run both validations of one policy with `num_rounds` sets of trials that its training has not seen."""
-    policy = NetworkAgent(file.read_bytes(), file.stem, str(file))
+def validate_candidate(file: Path, num_rounds: int, data: bytes | None = None) -> Candidate:
+    """Run both validations of one policy with sets of trials that its training has not seen.
+
+    Args:
+        file: of the policy.
+        num_rounds: how many sets.
+        data: what is in the file, for a worker that does not see it.
+    """
+    policy = NetworkAgent(data or file.read_bytes(), file.stem, str(file))
     rounds = range(FIRST_ROUND, FIRST_ROUND + num_rounds)
     found = tuple(validate(policy, round=number) for number in rounds)
     return Candidate(file, found, tuple(validate_suite(policy, round=number) for number in rounds))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from surefoot import cores
 from surefoot.errors import UserError
 from surefoot.physics import mujoco_engine, pybullet_engine
 from surefoot.physics.engine import Engine
@@ -60,4 +61,4 @@ def make_engine(
     Raises:
         UserError: there is no such engine, it is not installed, or it does not take this robot.
     """
-    return engine_kind(name).make(robot, num_robots, num_threads, domain)
+    return engine_kind(name).make(robot, num_robots, num_threads or cores.num_threads(), domain)

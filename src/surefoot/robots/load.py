@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 import functools
 import importlib.resources
 from collections.abc import Mapping, Sequence
@@ -45,6 +46,10 @@ def load_robot(name: str | Path) -> Robot:
         UserError: there is no such robot, or its description or model is wrong; the message names what.
     """
     return _load(_file(name), str(name))
+
+
+# A robot travels by its name: whoever unpickles it reads its description anew.
+copyreg.pickle(Robot, lambda robot: (load_robot, (robot.name,)))
 
 
 def describe(name: str | Path) -> Description:

@@ -20,6 +20,11 @@ class StepTimes:
         self._seconds.append(seconds / num_robots)
         self._robots.append(num_robots)
 
+    def extend(self, others: StepTimes) -> None:
+        """Take in the calls that were timed elsewhere."""
+        self._seconds += others._seconds
+        self._robots += others._robots
+
     @property
     def num_steps(self) -> int:
         """Control steps of single robots."""

@@ -1,0 +1,13 @@
+"""Executors: who does a list of tasks: this process, processes of this machine, or the workers of a cluster.
+
+A task is a call of a function of ours with arguments that can be pickled, and takes seconds to hours: the lines of a
+scenario that share their trials, a training run, a candidate. Results come as they are done, to the one process that
+asked, which alone writes files of results.
+"""
+
+from __future__ import annotations
+
+from surefoot.executors.executor import Executor
+from surefoot.executors.kinds import EXECUTORS, open_executor
+
+__all__ = ["EXECUTORS", "Executor", "open_executor"]
