@@ -23,6 +23,7 @@ MODULES = {
     "daqp": "controllers",
     "yaml": "foreign",
     "pybullet": "pybullet",
+    "joblib": "processes",
     "ray": "ray",
     "distributed": "dask",
     "dask": "dask",

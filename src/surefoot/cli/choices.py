@@ -15,13 +15,13 @@ import tyro
 _TOML = "FILE.toml"
 VALID = {
     "activation": "{tanh,relu,elu}",
+    "address": "HOST:PORT|local",
     "agent": "POLICY",
     "algorithm": "{trpo,ppo,ddpg}",
     "body": "BODY",
     "direction": "{forward,left,backward,right}|DEGREES",
     "engine": "{mujoco,pybullet}",
     "host": "ADDRESS [NAME ...]",
-    "address": "HOST:PORT|local",
     "executor": "{local,processes,ray,dask,slurm}",
     "json": "FILE|-",
     "layout": "{rsl_rl,rsl_rl-3,skrl,skrl-shared,sb3,sb3-td3,sb3-sac}",

@@ -19,13 +19,14 @@ from surefoot.errors import UserError
 
 if TYPE_CHECKING:
     from surefoot.learning.config import TrainConfig
+    from surefoot.learning.crew import Crew
     from surefoot.learning.selection import Candidate
     from surefoot.learning.stages import Stage
     from surefoot.learning.training_log import LogConfig
 
 
 @dataclass(frozen=True)
-class Train:
+class Train(Work):
     """Learn a policy. Ctrl-C stops a run; --resume takes it up again."""
 
     algorithm: str = "ddpg"
@@ -153,8 +154,8 @@ class Train:
         if self.warm_start:
             warm_start(config, self.warm_start)
         self._tell(config, folder)
-        with _resumable(folder), training_bar() as show:
-            train(config, folder, resume, show, self.warm_start, self._log())
+        with _resumable(folder), self._crew() as crew, training_bar() as show:
+            train(config, folder, resume, show, self.warm_start, self._log(), crew)
         say(f"the best policy is {folder}/best.onnx; test it with: surefoot evaluate {folder}")
 
     def _run_stages(self, folder: Path, stages: list[Stage]) -> None:
@@ -166,10 +167,25 @@ class Train:
                 continue
             say(f"stage {stage.name}:")
             self._tell(stage.config, stage.folder)
-            with _resumable(folder), training_bar() as show:
-                stage.run(show, self._log())
+            with _resumable(folder), self._crew() as crew, training_bar() as show:
+                stage.run(show, self._log(), crew)
         last = stages[-1].folder
         say(f"the best policy is {last}/best.onnx; test it with: surefoot evaluate {last}")
+
+    @contextlib.contextmanager
+    def _crew(self) -> Iterator[Crew | None]:
+        """The workers that move the robots; none for the executor local."""
+        if self.executor == "local":
+            with self.opened():  # which says what does not go with it
+                yield None
+            return
+        if self.executor != "ray":
+            raise UserError(f"one training is shared by --executor ray alone, not {self.executor}")
+        from surefoot.cores import num_cores
+        from surefoot.learning.ray_crew import RayCrew
+
+        with RayCrew(self.address, self.workers or num_cores()) as crew:
+            yield crew
 
     def _log(self) -> LogConfig:
         """Where the figures go."""

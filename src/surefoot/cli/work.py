@@ -15,7 +15,7 @@ class Work:
 
     executor: str = "local"
     """Who does the work: local (this process), processes (of this machine), ray or dask (a cluster), or slurm (jobs)
-    (docs/scaling.md)."""
+    (surefoot docs scaling)."""
     address: str = ""
     """HOST:PORT of the Ray or Dask cluster; without it, one is begun on this machine. For slurm, "local" runs the jobs
     on this machine."""

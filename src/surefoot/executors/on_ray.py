@@ -71,7 +71,7 @@ class RayCluster:
         try:
             ref = self._task.remote(sealed)
         except FULL as error:
-            raise _full(error) from error
+            raise full_store(error) from error
         future: Future[Any] = ref.future()
         self._refs[future] = ref
         return future
@@ -84,7 +84,7 @@ class RayCluster:
         except LOST as error:
             raise WorkerLostError(type(error).__name__) from error
         except FULL as error:
-            raise _full(error) from error
+            raise full_store(error) from error
         return answer
 
     def close(self) -> None:
@@ -94,5 +94,6 @@ class RayCluster:
         ray.shutdown()
 
 
-def _full(error: Exception) -> UserError:
+def full_store(error: Exception) -> UserError:
+    """Return what a user is told of a full object store."""
     return UserError(f"the Ray cluster's object store is full ({type(error).__name__}); free some of it, or enlarge it")

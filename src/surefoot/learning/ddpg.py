@@ -50,6 +50,13 @@ class BatchDDPG(DDPG):
         """Ask for gradient steps, which are done during the next policy step."""
         self._owed = (gradient_steps, batch_size)
 
+    def pay(self, times: int) -> None:
+        """Do the gradient steps that are asked for after one policy step, for so many of them."""
+        owed = self._owed
+        for _ in range(times):
+            self._owed = owed
+            self._learn_meanwhile()
+
     def _learn_meanwhile(self) -> None:
         gradient_steps, batch_size = self._owed
         self._owed = (0, 0)

@@ -10,17 +10,21 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from surefoot.learning.budget import MEASURED_S, MEASURED_SHARE, SPEED, SPENT
 from surefoot.learning.config import TrainConfig
+from surefoot.learning.crew import Crew, join
 from surefoot.learning.learner import Learner
 
 _FOREVER = 10**12
 
 
-def learning_speed(config: TrainConfig, begin: Callable[[Learner], object]) -> dict[str, float]:
+def learning_speed(
+    config: TrainConfig, begin: Callable[[Learner], object], crew: Crew | None = None
+) -> dict[str, float]:
     """Learn for some seconds, throw away what was learned, and return the speed of it [policy steps per second].
 
     Args:
         config: of the run.
         begin: gives a learner the networks that the run begins with.
+        crew: workers that move the robots.
     """
     began = time.monotonic()
     hyper = dict(config.hyper)
@@ -28,6 +32,8 @@ def learning_speed(config: TrainConfig, begin: Callable[[Learner], object]) -> d
         hyper["buffer_size"] = min(hyper["buffer_size"], 100_000)
     learner = Learner(dataclasses.replace(config, hyper=hyper), lambda _: config.hyper["learning_rate"])
     begin(learner)
+    if crew:
+        join(learner, crew, lambda: (1.0, 0.0))
     clock = _Clock(learner, min(MEASURED_S, MEASURED_SHARE * 60.0 * config.minutes))
     learner.model.learn(_FOREVER, callback=clock, log_interval=_FOREVER, reset_num_timesteps=False)
     learner.venv.close()

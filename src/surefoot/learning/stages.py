@@ -18,6 +18,7 @@ from pathlib import Path
 from surefoot.checks import parse_json_table, read_text, shortened
 from surefoot.errors import UserError
 from surefoot.learning.config import TrainConfig
+from surefoot.learning.crew import Crew
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.train import OnProgress, go_on, is_done
 from surefoot.learning.training_log import TENSORBOARD, LogConfig
@@ -51,8 +52,10 @@ class Stage:
             return False
         return is_done(folder, self.config)
 
-    def run(self, on_progress: OnProgress | None = None, log: LogConfig = TENSORBOARD) -> None:
-        """Learn this stage, from its checkpoint if there is one.
+    def run(
+        self, on_progress: OnProgress | None = None, log: LogConfig = TENSORBOARD, crew: Crew | None = None
+    ) -> None:
+        """Learn this stage, from its checkpoint if there is one; arguments are those of `go_on`.
 
         Raises:
             UserError: its folder holds something else, or the stage before has not been learned.
@@ -60,7 +63,7 @@ class Stage:
         """
         if self.start and not RunFolder(self.start).has_checkpoint:
             raise UserError(f"the stage before has not been learned: {self.start} has no checkpoint")
-        go_on(self.config, self.folder, on_progress, self.start, log)
+        go_on(self.config, self.folder, on_progress, self.start, log, crew)
 
 
 def begin_stages(path: str | Path, configs: Mapping[str, TrainConfig]) -> list[Stage]:

@@ -15,6 +15,7 @@ from surefoot.agents.network import NetworkAgent
 from surefoot.errors import UserError
 from surefoot.learning.budget import budget_for
 from surefoot.learning.config import DAGGER, TrainConfig
+from surefoot.learning.crew import Crew, check_crew, join
 from surefoot.learning.distill import Distiller
 from surefoot.learning.interrupt import deferred_interrupt
 from surefoot.learning.kept_policies import KeptPolicies
@@ -48,6 +49,7 @@ class Trainer:
         on_progress: called a few times a second.
         start: what this run begins with: the networks of another run, or a policy, whose critic is learned first.
         log: where the figures go.
+        crew: workers that move the robots; this process without it.
 
     Attributes:
         learner: robots, algorithm and averaged actor.
@@ -66,6 +68,7 @@ class Trainer:
         on_progress: OnProgress | None = None,
         start: RunFolder | NetworkAgent | None = None,
         log: LogConfig = TENSORBOARD,
+        crew: Crew | None = None,
     ):
         self.config = config
         self.log_config = log
@@ -74,11 +77,13 @@ class Trainer:
         self.progress = Progress()
         self.interrupted = False
         self.schedule = Schedule(
-            config, budget_for(config, folder, lambda: learning_speed(config, _beginning_with(start)))
+            config, budget_for(config, folder, lambda: learning_speed(config, _beginning_with(start), crew))
         )
         self.learner = Learner(config, self.schedule.learning_rate)
         self.kept = KeptPolicies(validation_for(config))
         self.origin = begin_with(self.learner, start) if start else Origin()
+        if crew:
+            join(self.learner, crew, lambda: (self.schedule.exploration_share, self.schedule.position))
         if resume:
             self._restore()
             self.update_progress()
@@ -228,6 +233,7 @@ def train(
     on_progress: OnProgress | None = None,
     start: str | Path | None = None,
     log: LogConfig = TENSORBOARD,
+    crew: Crew | None = None,
 ) -> Trainer | Distiller:
     """Run a training to its end: in a new folder, or in one that the same call began and that was interrupted.
 
@@ -240,12 +246,15 @@ def train(
             that is resumed before its first checkpoint knows it. A student begins with another student only: runs of
             other algorithms are its teachers.
         log: where the figures go beside the learning curve; a student keeps that one only.
+        crew: workers that move the robots; this process without it. A student has none.
 
     Raises:
         UserError: a folder or policy is not fit for it.
         KeyboardInterrupt: on Ctrl-C, after a checkpoint.
     """
     start = start or config.begin_with or None
+    if crew:
+        check_crew(config, crew)
     if resume:
         folder = RunFolder(path)
         start = folder.beginning().get("start") or start
@@ -257,7 +266,7 @@ def train(
         assert not isinstance(begins_with, RunFolder)
         trainer = Distiller(config, folder, folder.has_checkpoint, on_progress, begins_with)
     else:
-        trainer = Trainer(config, folder, folder.has_checkpoint, on_progress, begins_with, log)
+        trainer = Trainer(config, folder, folder.has_checkpoint, on_progress, begins_with, log, crew)
     trainer.run()
     return trainer
 
@@ -268,6 +277,7 @@ def go_on(
     on_progress: OnProgress | None = None,
     start: str | Path | None = None,
     log: LogConfig = TENSORBOARD,
+    crew: Crew | None = None,
 ) -> Trainer | Distiller:
     """Run a training to its end, whatever an earlier call has left of it: nothing, a beginning, or a checkpoint.
 
@@ -277,7 +287,7 @@ def go_on(
     folder = RunFolder(path)
     if not folder.has_checkpoint and not _is_beginning(folder, config, start):
         discard_beginning(folder.path)
-    return train(config, path, folder.has_checkpoint, on_progress, start, log)
+    return train(config, path, folder.has_checkpoint, on_progress, start, log, crew)
 
 
 def is_done(folder: RunFolder, config: TrainConfig) -> bool:
