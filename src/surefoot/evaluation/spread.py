@@ -105,7 +105,7 @@ def spread(
     """
     stores = {agent.digest: results.trials_of(agent) for agent in agents}
     tasks = [
-        task for agent in agents for task in _left(agent, scenarios, stores[agent.digest], results.key_of(agent).setup)
+        task for each in agents for task in _left(each, scenarios, stores[each.digest], results.key_of(each).setup)
     ]
     done: list[tuple[LineTask, LinesDone]] = []
     num_trials = num_lines = 0

@@ -40,12 +40,14 @@ class Crew(Protocol):
         ...
 
 
-def check_crew(config: TrainConfig, crew: Crew) -> None:
-    """Check that a run can be shared among workers.
+def check_crew(config: TrainConfig, crew: Crew | None) -> None:
+    """Check that a run can be shared among workers, if there are any.
 
     Raises:
         UserError: it is a student's, or its robots cannot be shared evenly.
     """
+    if crew is None:
+        return
     if config.algorithm == DAGGER:
         raise UserError("a student learns in one process: --executor ray is for trpo, ppo and ddpg")
     if config.num_envs % crew.num_workers:

@@ -242,9 +242,8 @@ def train(
         path: of the run folder.
         resume: go on with the folder's run, whose configuration may be another one: with a larger budget, for example.
         on_progress: called a few times a second.
-        start: a run folder whose networks a new run begins with, or a policy (a shipped one's name or a file). A run
-            that is resumed before its first checkpoint knows it. A student begins with another student only: runs of
-            other algorithms are its teachers.
+        start: a run folder whose networks a new run begins with, or a policy (a shipped one's name or a file); a
+            run that is resumed before its first checkpoint knows it. A student begins with another student only.
         log: where the figures go beside the learning curve; a student keeps that one only.
         crew: workers that move the robots; this process without it. A student has none.
 
@@ -253,8 +252,7 @@ def train(
         KeyboardInterrupt: on Ctrl-C, after a checkpoint.
     """
     start = start or config.begin_with or None
-    if crew:
-        check_crew(config, crew)
+    check_crew(config, crew)
     if resume:
         folder = RunFolder(path)
         start = folder.beginning().get("start") or start
