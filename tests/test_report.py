@@ -197,7 +197,7 @@ def test_the_page_loads_nothing_and_is_small(page: str) -> None:
 
 def test_every_figure_has_its_numbers_behind_it(report: Report, page: str) -> None:
     slugs = [figure.slug for section in report.sections for figure in section.figures if section.name == "nominal-bent"]
-    assert slugs[:5] == ["success", "steps", "footprints", "motion", "support-foot"]
+    assert slugs[:5] == ["success", "strategies", "footprints", "motion", "support-foot"]
     assert [figure.slug for figure in report.comparison_figures] == ["table-1", "directions", "learning"]
     assert report.comparison_figures[-1].caption.startswith(
         "Share of 120 held-out pushes"
@@ -212,7 +212,7 @@ def test_every_figure_has_its_numbers_behind_it(report: Report, page: str) -> No
 
 def test_what_cannot_be_drawn_is_left_out_with_a_note(report: Report) -> None:
     (section,) = [s for s in report.sections if s.name == "trpo <b>&0"]
-    assert [figure.slug for figure in section.figures] == ["success", "steps"]
+    assert [figure.slug for figure in section.figures] == ["success", "strategies"]
     assert section.notes[0].startswith("No figures of single trials: no policy 'trpo <b>&0' of digest")
 
 
