@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 SHOWN = 5
 """How many of the last deeds are kept."""
@@ -19,6 +21,7 @@ class Deed:
         recovered, fell: how many robots did so since, until the next deed.
         how: the strategies of the robot that recovered or fell last, in words.
         force: largest force of a hand so far [N]; 0 for other deeds.
+        impulse: of the hand so far, world frame (3,) [Ns].
     """
 
     words: str
@@ -26,6 +29,7 @@ class Deed:
     fell: int = 0
     how: str = ""
     force: float = 0.0
+    impulse: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def verdict(self) -> str:
@@ -33,6 +37,10 @@ class Deed:
         parts = [(self.recovered, "recovered"), (self.fell, "fell")]
         several = self.recovered + self.fell > 1
         return ", ".join(f"{number} {word}" if several else word for number, word in parts if number)
+
+    def tell_hand(self) -> None:
+        """Say in words what the hand has done so far."""
+        self.words = f"by hand, up to {self.force:.0f} N, {np.linalg.norm(self.impulse):.0f} Ns"
 
 
 class Deeds:
@@ -61,7 +69,13 @@ class Deeds:
             self.begin("")
             latest = self._deeds[0]
         latest.force = max(latest.force, force)
-        latest.words = f"by hand, up to {latest.force:.0f} N"
+        latest.tell_hand()
+
+    def add_impulse(self, impulse: np.ndarray) -> None:
+        """A hand has pulled with an impulse (3,) [Ns]."""
+        if self._deeds and self._deeds[0].force:
+            self._deeds[0].impulse += impulse
+            self._deeds[0].tell_hand()
 
     def count(self, recovered: int, fell: int, how: str) -> None:
         """So many robots have recovered or fallen in this step, the last of them with these strategies."""

@@ -235,6 +235,7 @@ class Session:
         for robot, (body, force) in self._pulls.items():
             ids, now = np.array([robot]), self.loop.tick[[robot]]
             self.pushes.schedule(ids, HAND, body, force * seconds, now, seconds)
+            self.deeds.add_impulse(force * seconds)
             self._disturb(ids, now, now + TICKS_PER_STEP)
 
     def _schedule(self, slot: int, ids: np.ndarray, push: Push) -> None:
