@@ -50,16 +50,15 @@ def on_one_core(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tupl
 
 @pytest.fixture
 def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """A Ray cluster of a head without cores and two nodes with one each; its disk counts as full."""
+    """A Ray cluster of two nodes with one core each, on a disk that counts as full."""
     pytest.importorskip("ray", reason="needs the extra ray")
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     from ray.cluster_utils import Cluster
 
+    node = {"num_cpus": 1, "object_store_memory": 80_000_000, "include_dashboard": False}
     config = {"local_fs_capacity_threshold": 0.01}
-    store = {"object_store_memory": 80_000_000, "include_dashboard": False}
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "_system_config": config, **store})
-    cluster.add_node(num_cpus=1, **store)
-    cluster.add_node(num_cpus=1, **store)
+    cluster = Cluster(initialize_head=True, head_node_args={"_system_config": config, **node})
+    cluster.add_node(**node)
     yield cluster
     cluster.shutdown()
 
@@ -80,7 +79,7 @@ def test_this_process_finds_the_same_and_keeps_the_same_outcomes(
 def test_a_ray_node_that_is_killed_loses_its_line_alone_and_the_table_is_the_same(
     on_one_core: dict[str, list[tuple[Any, ...]]], nodes: Any, tmp_path: Path
 ) -> None:
-    (*_, second) = nodes.list_all_nodes()
+    _, second = nodes.list_all_nodes()
     killed: list[int] = []
 
     def kill(num_trials: int, num_lines: int, reached: object) -> None:
