@@ -152,7 +152,7 @@ def test_ctrl_c_ends_everything_in_no_words_and_keeps_the_table(kind: str, tmp_p
     pytest.importorskip({"processes": "joblib", "ray": "ray", "dask": "distributed"}[kind])
     psutil = pytest.importorskip("psutil")
     (tmp_path / "s.toml").write_text(
-        '[[scenario]]\nname = "quick"\nsearch = ""\ndirections = 1\nimpulse = 6\ntrials = 1\nhorizon = 0.2\n'
+        '[[scenario]]\nname = "quick"\nsearch = ""\ndirections = 1\nimpulse = 6\ntrials = 1\nhorizon = 2\n'
         'quiet_from = 0\n[[scenario]]\nname = "long"\nsearch = ""\ndirections = 1\nimpulse = 6\ntrials = 400\n'
     )
     command = ["evaluate", "nominal", "--suite", "s.toml", "--workers", "1", "--executor"]
