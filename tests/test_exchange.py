@@ -20,6 +20,7 @@ from surefoot.agents.load import load_policy
 from surefoot.cli.export import Export
 from surefoot.errors import UserError
 from surefoot.learning.exchange import LAYOUTS, policy_from, put_policy, read_actor, state_dict
+from surefoot.report.page import make_report
 
 NUM_INPUTS, NUM_ACTIONS = 47, 11
 WHEN_LOADED = "loaded.txt"
@@ -68,6 +69,13 @@ def test_a_policy_from_another_library_is_evaluated_like_any_other(env, tmp_path
     (tmp_path / "p.onnx").write_bytes(policy.data)
     outcome = surefoot.run_trial(load_policy(tmp_path / "p.onnx"), surefoot.Trial(full_length=False))
     assert outcome.recovered, "an actor that has only begun to learn holds the nominal pose"
+
+
+def test_the_report_shows_a_policy_of_which_only_the_library_is_known(env, tmp_path: Path) -> None:
+    shove = surefoot.Scenario("shove", search="", directions=1, impulse=6.0, trials=1, horizon=2.0, quiet_from=1.0)
+    surefoot.evaluate(policy_from(model(PPO, env, nn.Tanh)), [shove], results=tmp_path / "r.sqlite")
+    page = make_report([tmp_path / "r.sqlite"], {}, run_trials=False).html()
+    assert "<small>stable-baselines3 (PPO, A2C, TRPO)</small>" in page
 
 
 def mlp(*sizes: int) -> nn.Sequential:
