@@ -1,7 +1,8 @@
-"""Measure what handing over from the specialist to `ppo` costs: handover.py LOW HIGH VARIANT...
+"""Measure what handing over from a specialist to `ppo` costs: handover.py SPECIALIST LOW HIGH VARIANT...
 
 512 robots stand for a second and get one push of LOW to HIGH Ns at the pelvis in a random direction; no student acts,
-but the teachers themselves. Printed are the shares that fall and that step within 4.8 s of their start.
+but the teachers themselves. Printed are the shares that fall and that step within 4.8 s of their start. How far the
+specialist holds the capture point is measured first.
 
 ppo         `ppo` does everything
 reach=S     `ppo` takes over where the capture point is beyond S times what the specialist holds
@@ -10,31 +11,31 @@ rest=R      as soon=0.05, and `ppo` also acts while the capture point is within 
 """
 
 import sys
-from pathlib import Path
 
 import numpy as np
 
 from surefoot.agents.load import load_policy
 from surefoot.learning import teachers
-from surefoot.learning.capture_points import from_feet
+from surefoot.learning.capture_points import from_feet, held_capture_points
 from surefoot.learning.teachers import STEPPED_SHIFT, Teacher, Teachers
 from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
 from surefoot.task.random_pushes import DisturbanceConfig
 
 NUM_ROBOTS = 512
-HALF = [0.11, 0.122, 0.185, 0.19, 0.19, 0.19, 0.185, 0.15, 0.135]
-REACH = np.array(HALF + HALF[-2:0:-1])
-SPECIALIST = Path(__file__).parent / "no-step.onnx"
 
 
-def shares(low, high, kind, value):
-    """Return the shares of robots that fall and that step."""
+def task(low, high):
+    """Return the robots' task: one push of low to high Ns."""
     pushes = DisturbanceConfig(impulse=(low, high), first=(1.0, 1.1), interval=(30.0, 30.0))
-    config = EnvConfig("valkyrie", "bent", action_scale=0.6, episode_s=5.0, disturbance=pushes)
+    return EnvConfig("valkyrie", "bent", action_scale=0.6, episode_s=5.0, disturbance=pushes)
+
+
+def shares(specialist, held, config, kind, value):
+    """Return the shares of robots that fall and that step."""
     env = PushRecoveryVectorEnv(NUM_ROBOTS, config)
-    first, second = load_policy("ppo" if kind == "ppo" else SPECIALIST), load_policy("ppo")
+    first, second = load_policy("ppo" if kind == "ppo" else specialist), load_policy("ppo")
     teachers.FAR = {"soon": value, "rest": 0.05}.get(kind, 10.0)
-    reach = REACH * (value if kind == "reach" else 1.0)
+    reach = np.array(held) * (value if kind == "reach" else 1.0)
     taught = Teachers([Teacher(first), Teacher(second, {"root": [200.0]}, capture_point=list(reach))], env)
     env.reset(seed=5)
     clear = env.loop.observe(slice(None), with_errors=False)
@@ -57,8 +58,10 @@ def shares(low, high, kind, value):
 
 
 if __name__ == "__main__":
-    low, high, *variants = sys.argv[1:]
+    specialist, low, high, *variants = sys.argv[1:]
+    config = task(float(low), float(high))
+    held = held_capture_points(load_policy(specialist), config)
     for variant in variants:
         kind, _, value = variant.partition("=")
-        fell, stepped = shares(float(low), float(high), kind, float(value or 0.0))
+        fell, stepped = shares(specialist, held, config, kind, float(value or 0.0))
         print(f"{variant}, {low} to {high} Ns: {fell:.3f} fall, {stepped:.3f} step or fall", flush=True)
