@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.resources
 import os
 import re
+import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,11 @@ from pathlib import Path
 import pytest
 
 from surefoot.cli import study as reproduce
+from surefoot.cli.reproduce import Reproduce
 from surefoot.cli.study import Study
 from surefoot.errors import UserError
 from surefoot.evaluation.scenarios import Scenario
+from surefoot.executors import open_executor
 from surefoot.learning.budget import budget_for
 from surefoot.learning.curve import read_curve
 from surefoot.learning.preset_file import preset
@@ -127,3 +130,20 @@ def test_time_left_is_the_budgets_and_the_mean_evaluation(tmp_path: Path) -> Non
     (runs[0].folder / ".trained").touch()
     (runs[0].folder / "best.onnx").write_bytes(SHIPPED.read_bytes())
     assert reproduce.seconds_left(runs) == pytest.approx(2 * 120.0 + 3 * reproduce.GUESSED_EVALUATION_S)
+
+
+def test_workers_evaluate_all_that_is_trained_and_train_in_a_folder_that_they_share_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = study(tmp_path / "out")
+    (run,) = short.runs()
+    run.folder.mkdir(parents=True)
+    shutil.copy(str(SHIPPED), run.folder / "best.onnx")
+    (run.folder / ".trained").touch()
+    with open_executor("processes", workers=1) as executor:
+        Reproduce()._spread(short, executor)
+        assert run.is_evaluated
+        assert "1 of 1 trainings are done; 0 are left" in capsys.readouterr().err
+        with pytest.raises(UserError, match=r"^worker \S+: it does not see the folder .*elsewhere; give one that all"):
+            list(executor.run(reproduce.train_shared, [(study(tmp_path / "elsewhere").runs()[0],)]))
+    assert not (tmp_path / "elsewhere").exists()
