@@ -140,7 +140,7 @@ def test_a_push_is_seen_again_by_a_click_on_its_row_while_the_robot_waits(tab, p
     press(tab, "Push")
     assert until(lambda: says(tab, "Recovered"))
     session = page.player.session
-    tab.locator("[data-surefoot=deeds] button").first.click(force=True)
+    tab.locator("[data-surefoot=deeds] button:visible").first.click(force=True)
     tab.get_by_text("seen again: 90 Ns forward, 750 N").wait_for()
     steps = session.num_steps
     assert until(lambda: says(tab, "Recovering"))
@@ -281,7 +281,7 @@ def test_on_a_phone_the_scene_stands_above_the_panel_and_the_push_button_is_seen
     assert until(lambda: max(tab.evaluate(places)) <= panel.bounding_box()["y"] + 1)
     seen = button.bounding_box()
     assert seen["y"] + seen["height"] <= 844
-    assert "Standing" in (tab.locator("[data-surefoot=phone]").first.text_content() or "")
+    assert until(lambda: bool(tab.locator("[data-surefoot=phone] b").first.text_content()))
     context.close()
 
 

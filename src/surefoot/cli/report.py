@@ -100,11 +100,11 @@ class Pictures:
     """Folder with learning curves: ALGORITHM-SEED.csv, or the curve.csv of one run."""
     policy: str = "best"
     """The policy of the film strip, as for `surefoot evaluate`; it must be among the thresholds."""
+    out: Path = Path("docs/pictures")
+    """Folder for the pictures."""
     strategies: Path = Path("results/strategies.csv")
     """A .csv file that `surefoot strategies` wrote; drawn if it exists: one picture of the policies of a robot, one of
     robots and engines side by side."""
-    out: Path = Path("docs/pictures")
-    """Folder for the pictures."""
 
     def main(self) -> None:
         """Draw the pictures."""
