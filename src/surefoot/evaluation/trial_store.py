@@ -17,7 +17,7 @@ from surefoot.evaluation.trial_json import trial_from_json, trial_to_json
 from surefoot.evaluation.trials import Trial
 from surefoot.version import __version__
 
-COMMIT_S = 0.2
+COMMIT_S = 0.1
 """What was written waits for so long before it is committed, whether or not more is written [s]."""
 
 
