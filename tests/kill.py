@@ -161,7 +161,7 @@ def table(kills: list[Killed]) -> str:
     """What was lost, as Markdown."""
     lines = [
         "| work | kills | at random moments | at chosen writes | lost at most | from so long before the kill [s] | "
-        "files corrupt or better policies replaced |",
+        "files corrupt, better policies replaced or more lost than promised |",
         "|---|---:|---:|---:|---:|---:|---:|",
     ]
     for name, work in WORKS.items():
