@@ -23,6 +23,7 @@ from surefoot.agents.load import usual_robot
 from surefoot.errors import UserError
 from surefoot.viewer.guard import Guard
 from surefoot.viewer.page import Page
+from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource, offered_policies
 from surefoot.viewer.wire import is_heard
 
@@ -290,6 +291,27 @@ def test_an_error_of_what_one_viewer_asked_for_does_not_stop_the_robots(
     assert plays(page, viewer)
     assert not page.player.paused
     assert "ZeroDivisionError" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(("times", "is_stopped"), [(3, False), (100, True)])
+def test_a_frame_that_cannot_be_shown_is_skipped_and_many_stop_the_robots(
+    page: Page, viewer: PageClient, times: int, is_stopped: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    show, failed = page.player._show, list[int]()
+
+    def fail(session: Session, tick: int) -> None:
+        failed.append(tick)
+        if len(failed) <= times:
+            raise RuntimeError("deque mutated during iteration")
+        show(session, tick)
+
+    page.player._show = fail
+    assert until(lambda: viewer.skip(0.2) or len(failed) > times)
+    assert until(lambda: len(failed) > times)
+    assert page.player.paused == is_stopped
+    page.player._show, page.player.paused = show, False
+    assert plays(page, viewer)
+    assert ("deque mutated" in capfd.readouterr().err) == is_stopped
 
 
 def test_only_policies_of_the_folders_named_at_the_start_are_offered(tmp_path: Path) -> None:

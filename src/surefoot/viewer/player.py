@@ -22,6 +22,8 @@ MAX_BEHIND = 3
 """Policy steps per frame at most: a slow machine plays in slow motion instead of choking."""
 MIN_SPEED = 0.05
 """The slowest motion, as a share of real time."""
+MAX_SKIPPED = 10
+"""Frames one after the other that may fail to be shown."""
 FEW = 4
 """Up to so many robots are drawn 50 times a second, more 25 times."""
 
@@ -61,6 +63,7 @@ class Player:
         self._on_step = on_step
         self._asked: queue.SimpleQueue[Callable[[Session], object]] = queue.SimpleQueue()
         self._position = 0.0
+        self._num_skipped = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
 
@@ -120,8 +123,18 @@ class Player:
                 self._step()
                 steps += 1
         shown = self.shown
-        self._show(shown, min(int(self._position), len(shown.ticks) - 1))
+        self._show_or_skip(shown, min(int(self._position), len(shown.ticks) - 1))
         return steps
+
+    def _show_or_skip(self, session: Session, tick: int) -> None:
+        """Show a frame. One that fails is skipped, since viser sets an event of another thread's: that fails at times."""
+        try:
+            self._show(session, tick)
+            self._num_skipped = 0
+        except RuntimeError:
+            self._num_skipped += 1
+            if self._num_skipped > MAX_SKIPPED:
+                raise
 
     def _step(self) -> None:
         if self.playback and self.playback.is_over:
