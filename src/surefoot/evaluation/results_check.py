@@ -65,6 +65,7 @@ def connect(path: str | Path) -> sqlite3.Connection:
     # A thread of its own commits what waits for it.
     db = sqlite3.connect(path, timeout=60.0, check_same_thread=False)
     db.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
+    db.text_factory = lambda data: data.decode(errors="replace")  # by itself it fails wherever a damaged text is read
     db.execute("PRAGMA trusted_schema = OFF")
     return db
 

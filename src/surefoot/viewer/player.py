@@ -126,8 +126,8 @@ class Player:
         self._show_or_skip(shown, min(int(self._position), len(shown.ticks) - 1))
         return steps
 
-    def _show_or_skip(self, session: Session, tick: int) -> None:
-        """Show a frame. One that fails is skipped, since viser sets an event of another thread's: that fails at times."""
+    def _show_or_skip(self, session: Session | Playback, tick: int) -> None:
+        """Show a frame, or skip it: viser sets an event of another thread's, which fails at times."""
         try:
             self._show(session, tick)
             self._num_skipped = 0
