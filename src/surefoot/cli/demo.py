@@ -43,7 +43,7 @@ class Demo:
         agent = load_agent(str(out))
         pushes = chosen_scenarios("push", 4, agent.robot)
         evaluate_agent(agent, pushes, out / "results.sqlite", Console(), out / "thresholds.csv", self.minutes)
-        Pictures(out / "thresholds.csv", out, str(out), out).main()
+        Pictures(out / "thresholds.csv", out, str(out), out, out / "strategies.csv").main()
 
 
 def new_folder(path: Path) -> Path:
