@@ -29,11 +29,11 @@ from surefoot.task.terms import terms
 ROOT = Path(__file__).parent.parent
 DEPLOY = ROOT / "examples" / "deploy"
 PAGE = (ROOT / "docs" / "policy-file.md").read_text()
-POLICIES = ("ppo", "best")
+POLICIES = ("ppo", str(ROOT / "results" / "least-motion" / "mixture.onnx"))
 """Without a past, and a mixture with one. Actions of both leave [-1, 1] in the run."""
 
 
-@pytest.fixture(scope="module", params=POLICIES, ids=POLICIES)
+@pytest.fixture(scope="module", params=POLICIES, ids=["ppo", "mixture"])
 def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("export")
     Export(request.param, onnx=folder / "policy.onnx", vectors=folder / "vectors.csv").main()
