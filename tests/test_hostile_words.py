@@ -34,7 +34,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (["train", "--run", "FILE"], "FILE exists already"),
         (["train", "--run", "x" * 5000], "run must be a path of names of up to 255 bytes"),
         (["train", "--after", "theirs.onnx"], "theirs.onnx is refused: it has the operator 'MatMul'"),
-        (["ablate", "--out", "FILE"], "cannot use FILE/nothing: Not a directory"),
+        (["ablate", "--out", "FILE"], "cannot use FILE: File exists"),
         (["reproduce", "--out", "FILE"], "cannot use FILE/trpo-0: Not a directory"),
         (["evaluate", "nominal", "--directions", "4000000"], "directions must be a whole number from 4 to 360"),
         (["evaluate", "nominal", "--robot", "empty.toml"], "empty.toml"),

@@ -42,7 +42,7 @@ def make(config: TrainConfig):
 
 # Pushes that throw over a robot that only holds its pose, and an episode short enough to see many of them.
 HARD = DisturbanceConfig(impulse=(26.5, 106.0), first=(0.4, 0.8), interval=(2.4, 3.0))
-STEPS = {"trpo": 70_000, "ppo": 90_000, "ddpg": 40_000}
+STEPS = {"trpo": 110_000, "ppo": 90_000, "ddpg": 40_000}
 
 
 def mean_return(actions: Callable[[np.ndarray], np.ndarray], config: EnvConfig) -> float:

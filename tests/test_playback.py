@@ -148,7 +148,7 @@ def test_a_stored_trial_is_listed_and_played_first_and_its_policy_goes_on(
     trial = Trial(Push(impulse=12.0), seed=1, horizon=2.0)
     with Results(tmp_path / "r.sqlite") as results:
         results.trials_of(policy).put(trial, run_list(policy, [trial])[trial], "shove")
-    page = Play(f"{tmp_path}/r.sqlite:1", port=0, runs=(tmp_path,))._page()
+    page = Play(f"{tmp_path}/r.sqlite:1", port=0, runs=(tmp_path,)).page()
     try:
         page.player.frame()
         playback = page.player.playback
@@ -172,7 +172,7 @@ def test_a_stored_trial_that_is_not_there_is_named(tmp_path: Path) -> None:
     with Results(tmp_path / "r.sqlite"):
         pass
     with pytest.raises(UserError, match="row 7"):
-        Play(f"{tmp_path}/r.sqlite:7")._page()
+        Play(f"{tmp_path}/r.sqlite:7").page()
 
 
 def test_a_page_offers_an_own_robot_no_policies_of_another() -> None:
@@ -184,7 +184,7 @@ def test_a_page_offers_an_own_robot_no_policies_of_another() -> None:
 def test_an_own_controller_and_an_own_robot_live_on_the_page() -> None:
     strider = ROOT / "examples" / "strider" / "strider.toml"
     for play in (Play(OWN, port=0), Play(robot=str(strider), port=0)):
-        page = play._page()
+        page = play.page()
         try:
             page.push(lambda session: session.push(horizontal_push("root", 0.0, 6.0)))
             for _ in range(10):

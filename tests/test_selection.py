@@ -121,7 +121,7 @@ def test_the_better_policy_is_selected_and_carries_what_was_found(
         files([tmp_path / "nowhere"])
     # The command, with what has just been found: it writes the better one, and nothing on a full disk.
     found = {candidate.file: candidate for candidate in candidates}
-    monkeypatch.setattr("surefoot.learning.selection.validate_candidate", lambda file, num_rounds: found[file])
+    monkeypatch.setattr("surefoot.learning.selection.validate_candidate", lambda file, *_: found[file])
     command = Select(tuple(found), out=tmp_path / "chosen.onnx", rounds=1)
     command.main()
     assert command.out.read_bytes() == shipped_bytes(best)

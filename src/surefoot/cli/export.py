@@ -43,7 +43,7 @@ class Export:
     action_scale: float = 0.0
     """Joint angle per unit of a checkpoint's action [rad]; that of the gymnasium environment without it."""
     vectors: Path | None = None
-    """Write golden vectors to this .csv file: every number on the way of a run of one second."""
+    """Write golden vectors to this .csv file: every number on the way of a run of two seconds."""
 
     def main(self) -> None:
         """Write what is asked for."""

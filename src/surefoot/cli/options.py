@@ -29,6 +29,7 @@ class Limit(NamedTuple):
 
 
 LIMITS = {
+    "action_scale": Limit(0.0, 100.0),
     "begin": Limit(-600.0, 600.0),
     "directions": Limit(4, 360),
     "duration": Limit(0.0, 5.0, above=True),
@@ -36,6 +37,7 @@ LIMITS = {
     "film_minutes": Limit(0.0, 100_000.0, above=True),
     "fps": Limit(0.0, 120.0, above=True),
     "impulse": Limit(0.0, 100_000.0, above=True),
+    "largest": Limit(0.0, 100_000.0),
     "lever": Limit(-1.1, 1.0),
     "mean_minutes": Limit(0.0, 100_000.0, above=True),
     "minutes": Limit(0.0, 100_000.0, above=True),
@@ -49,6 +51,7 @@ LIMITS = {
     "speed": Limit(0.01, 100.0),
     "steps": Limit(1, 10**12),
     "times": Limit(-600.0, 600.0),
+    "trials": Limit(1, 100),
     "workers": Limit(1, 100_000),
 }
 """Option -> its valid numbers, the same for all commands that have it."""

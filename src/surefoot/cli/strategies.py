@@ -9,7 +9,6 @@ from typing import Annotated
 import tyro
 from rich.console import Console
 
-from surefoot.checks import check_number
 from surefoot.cli.terminal import chosen_robot, say, working
 from surefoot.errors import UserError
 
@@ -48,11 +47,9 @@ class Strategies:
 
         if self.directions < 4 or self.directions % 4:
             raise UserError(f"directions must be a multiple of 4, not {self.directions}")
-        check_number("trials", self.trials, 1, 100, whole=True)
         engine_kind(self.engine).title()  # is it there?
         agent = load_agent(self.policy, chosen_robot(self.robot))
         largest = self.largest or _CELLS * protocol_for(agent.robot).impulse_step
-        check_number("largest", largest, 0.0, above=True)
         with working(f"pushing {agent.name}"):
             cells = map_strategies(agent, self.directions, largest, self.trials, self.engine)
         write_strategies(self.out, cells)
