@@ -35,7 +35,8 @@ docs: $(READY)
 	@echo "site: build/site/index.html"
 
 test: $(READY)
-	$(BIN)/pytest -n 2
+	$(BIN)/pytest -n 2 -m "not browser"
+	$(BIN)/pytest -m browser
 
 # Without the tests that are marked slow: those that learn, open a browser, build a wheel, run commands or whole suites.
 test-fast: $(READY)

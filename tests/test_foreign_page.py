@@ -16,7 +16,7 @@ from surefoot.viewer.filming import CANCELLED
 from surefoot.viewer.page import Page
 from surefoot.viewer.source import PolicySource
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 KNOCKS = """async ([address, token, version]) => {
     const knock = (path) => new Promise((answer) => {

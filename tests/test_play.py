@@ -22,7 +22,7 @@ from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource
 from surefoot.viewer.verdict import State
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 SIZE = {"width": 900, "height": 560}
 """Small, because the processor draws it."""
