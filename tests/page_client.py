@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import socket
+import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
@@ -124,3 +126,20 @@ class PageClient:
             self.values[message["uuid"]] = message.get("value")
         elif message["type"] == "GuiUpdateMessage" and "value" in message["updates"]:
             self.values[message["uuid"]] = message["updates"]["value"]
+
+
+def free_port() -> int:
+    """A port of this machine that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def until(claim: Callable[[], bool], seconds: float = 60.0) -> bool:
+    """Has the claim become true within that time?"""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if claim():
+            return True
+        time.sleep(0.05)
+    return False

@@ -20,8 +20,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TextIO
 
-from page_client import CAMERA, PageClient
-from test_guard import free_port
+from page_client import CAMERA, PageClient, free_port
 
 BUTTONS = ("Push", "Reset", "Lift and push")
 GROWTH_LIMIT = 0.1

@@ -15,9 +15,8 @@ import imageio.v3 as imageio
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from page_client import PageClient
+from page_client import PageClient, until
 from PIL import Image
-from test_guard import until
 
 from surefoot.agents.load import usual_robot
 from surefoot.agents.nominal import NominalAgent

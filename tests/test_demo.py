@@ -5,11 +5,10 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from page_client import until
 
 from surefoot.cli.demo import Demo, new_folder
 from surefoot.errors import UserError
@@ -48,13 +47,3 @@ def test_a_demo_keeps_every_byte_of_the_one_before(tmp_path: Path) -> None:
         assert "demo-2" in demo.communicate(timeout=60)[1]
     for name in (".surefoot-demo", "config.json", "best.onnx", "kept/2.onnx", "results.sqlite"):
         assert (earlier / name).read_text() == f"{name} of the demo before"
-
-
-def until(claim: Callable[[], bool], seconds: float = 60.0) -> bool:
-    """Has the claim become true within that time?"""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if claim():
-            return True
-        time.sleep(0.05)
-    return False

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from test_guard import free_port, until
+from page_client import free_port, until
 
 from surefoot.errors import UserError
 from surefoot.viewer import browser

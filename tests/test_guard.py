@@ -8,13 +8,13 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
 import websockets.asyncio.server as websocket_server
-from page_client import CAMERA, PageClient, dial
+from page_client import CAMERA, PageClient, dial, free_port, until
 from websockets.datastructures import Headers
 from websockets.exceptions import InvalidStatus
 from websockets.http11 import Request
@@ -26,21 +26,6 @@ from surefoot.viewer.page import Page
 from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource, offered_policies
 from surefoot.viewer.wire import is_heard
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def until(claim: Callable[[], bool], seconds: float = 60.0) -> bool:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if claim():
-            return True
-        time.sleep(0.03)
-    return False
 
 
 def encoded(**message: object) -> bytes:

@@ -26,7 +26,7 @@ class Work:
         """The executor, to be used as a context manager.
 
         Raises:
-            UserError: there is no such executor, its package is missing, or no cluster answers.
+            UserError: the executor is unknown, its package is missing, or no cluster answers.
         """
         from surefoot.executors import open_executor
 

@@ -19,7 +19,7 @@ def open_executor(kind: str = "local", address: str = "", workers: int | None = 
         workers: processes, or tasks at the same time; as many as there are cores without it.
 
     Raises:
-        UserError: there is no such executor, its package is missing, or no cluster answers at the address.
+        UserError: the executor is unknown, its package is missing, or no cluster answers at the address.
     """
     if kind not in EXECUTORS:
         raise UserError(f"unknown executor '{kind}'; valid: {', '.join(EXECUTORS)}")

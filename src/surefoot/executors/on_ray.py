@@ -39,7 +39,7 @@ def connect(address: str, workers: int) -> None:
         workers: of a cluster that is begun; 0 for one per core.
 
     Raises:
-        UserError: there is no such cluster, or it refuses us.
+        UserError: no cluster answers at the address, or it refuses the connection.
     """
     if address:
         check_reachable("Ray", address)

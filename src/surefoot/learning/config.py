@@ -120,7 +120,7 @@ class TrainConfig:
 
         Raises:
             TypeError, KeyError: the table has an unknown key, or lacks one.
-            UserError: a value has another type, or is out of its range, or there is no such algorithm or engine.
+            UserError: a value has another type or is out of its range, or the algorithm or the engine is unknown.
         """
         check_config(cls, values, "the run")
         check_config(EnvConfig, values["env"], "env")

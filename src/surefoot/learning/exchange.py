@@ -170,8 +170,8 @@ def state_dict(policy: NetworkAgent, layout: str) -> dict[str, Any]:
         layout: a key of `LAYOUTS`.
 
     Raises:
-        UserError: there is no such layout, or its actors have a tanh behind the last layer and the policy has not, or
-            the other way round.
+        UserError: the layout is unknown, or only one of the policy and the layout's actors has a tanh behind its last
+            layer.
     """
     if layout not in LAYOUTS:
         raise UserError(f"unknown layout '{layout}'; valid: {', '.join(LAYOUTS)}")

@@ -28,7 +28,7 @@ def default_config(robot: str | None = None) -> EnvConfig:
             scaled by its mass and the length of its legs. Without it, the preset's own robot.
 
     Raises:
-        UserError: there is no such robot.
+        UserError: the robot is unknown.
     """
     config = preset(*_DEFAULT)
     return for_robot(config, robot or config.env.robot).env
