@@ -11,6 +11,7 @@ from conftest import an_outcome
 from PIL import Image
 
 from surefoot.agents.nominal import NominalAgent
+from surefoot.cli.options import check_options
 from surefoot.cli.strategies import Strategies
 from surefoot.errors import UserError
 from surefoot.evaluation.protocol import PROTOCOL
@@ -130,7 +131,7 @@ def test_the_command_names_wrong_numbers(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="directions must be a multiple of 4, not 6"):
         Strategies(directions=6).main()
     with pytest.raises(UserError, match="trials must be a whole number from 1 to 100, not 0"):
-        Strategies(trials=0).main()
+        check_options(Strategies(trials=0))
     with pytest.raises(UserError, match="no strategies to draw"):
         side_by_side([], tmp_path / "map.png")
 
