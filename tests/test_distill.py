@@ -134,6 +134,25 @@ def test_a_hard_push_hands_over_before_the_capture_point_is_out_of_reach(robot: 
     assert away.max() < 0.13
 
 
+def test_a_robot_that_falls_fast_listens_to_the_teacher_for_that_and_a_dropped_one_at_least_to_the_second(
+    robot: Robot,
+) -> None:
+    config = {"drop_share": 1.0, "drop_height": (1.0, 1.0), "disturbance": pushed(60.0)}
+    env = make_env(1, pose="bent", action_scale=0.8, **config)
+    second, third = Teacher(agent(robot, 0.1), {"root": [1e3]}), Teacher(agent(robot, 0.2), vertical_speed=2.0)
+    teachers = Teachers([Teacher(agent(robot, 0.0)), second, third], env)
+    env.reset(seed=0)
+    teachers.begin(env.loop.observe(slice(None)))
+    levels = []
+    for _ in range(8):
+        env.step(np.zeros((1, 11)))
+        teachers.update(env.loop.observe(slice(None)), np.zeros(1, bool))
+        levels.append(int(teachers.level[0]))
+    # g t is 2 m/s at 0.204 s, and at 0.24 s, the end of the sixth policy step, 2.4 m/s, of which the filter shows more
+    # than 2. 60 Ns at 0.2 s are 0.4 m/s, none of them downwards.
+    assert levels == [1, 1, 1, 1, 1, 2, 2, 2]
+
+
 def test_a_capture_point_that_is_held_is_nearer_than_one_that_is_lost(robot: Robot) -> None:
     config = make_env(1, pose="bent", action_scale=0.8).config
     held = held_capture_points(agent(robot, 0.0), config, num_threads=1, num_robots=48)
@@ -308,7 +327,8 @@ def test_a_wrong_teacher_gets_one_line(runs: Path, robot: Robot) -> None:
 
     assert refusal({"policy": "nobody"}).startswith("cannot read policy nobody")
     assert refusal({"policy": "bold", "wait": 2.0}) == (
-        "unknown key of the teacher bold; valid: policy, beyond, beyond_standing, capture_point, beyond_held, weight"
+        "unknown key of the teacher bold; valid: policy, beyond, beyond_standing, capture_point, beyond_held, "
+        "vertical_speed, weight"
     )
     (runs / "bold" / "best.onnx").write_bytes(constant(robot, 0.5, past=2))
     assert "has a memory" in refusal({"policy": "bold"})

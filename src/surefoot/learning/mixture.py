@@ -1,8 +1,8 @@
-"""Mixture: a network that tells what its sensors hide and which of two teachers fits, with both teachers inside.
+"""Mixture: a network that tells what its sensors hide and which of its teachers fits, with all teachers inside.
 
-A trunk takes the noisy observation with its memory. It gives an estimate of the clear observation, and a gate between
-the two teachers' networks, which act on that estimate. So the student answers a push as the teacher does that fits, to
-the last digit while the observation is clear, where a network that imitates both only comes near.
+A trunk takes the noisy observation with its memory. It gives an estimate of the clear observation, and gates between
+the teachers' networks, which act on that estimate. So the student answers a push as the teacher does that fits, to the
+last digit while the observation is clear, where a network that imitates them only comes near.
 
 As a policy file the mixture is what every policy is, a chain of linear layers and tanh: tanh(e x) / e hands a number on
 for a small e, and (tanh(z + e x) - tanh(z - e x)) / 2e is x times sech(z) squared, which is a gate.
@@ -30,20 +30,20 @@ _PASS, _GATE = 1e-3, 1e-2
 
 
 class MixtureNetwork(nn.Module):
-    """The trunk, and behind it two frozen networks.
+    """The trunk, and behind it frozen networks: the second one acts, and gates let the others act in its place.
 
     Args:
         num_inputs: observation and memory, normalised.
         num_observed: components of the observation, which are the first inputs.
         hidden: sizes of the trunk's two hidden layers.
-        first, second: layers of the teachers' networks on the normalised observation, in the student's actions.
+        teachers: layers of each teacher's network on the normalised observation, in the student's actions.
     """
 
-    def __init__(self, num_inputs: int, num_observed: int, hidden: Sequence[int], first: Layers, second: Layers):
+    def __init__(self, num_inputs: int, num_observed: int, hidden: Sequence[int], teachers: Sequence[Layers]):
         super().__init__()
-        self.trunk = mlp(num_inputs, hidden, num_observed + 2, nn.Tanh)
+        self.trunk = mlp(num_inputs, hidden, num_observed + len(teachers), nn.Tanh)
         self.num_observed = num_observed
-        self._teachers = [[(_tensor(weight), _tensor(bias)) for weight, bias in each] for each in (first, second)]
+        self._teachers = [[(_tensor(weight), _tensor(bias)) for weight, bias in each] for each in teachers]
         last = linear_modules(self.trunk)[-1]
         with torch.no_grad():  # the estimate begins as the observation, and its gate open enough to learn
             last.weight *= 0.01
@@ -51,15 +51,19 @@ class MixtureNetwork(nn.Module):
             last.bias[num_observed] = MIDDLE
 
     def parts(self, inputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return actions (n, num_joints), the clear observation (n, num_observed), and the logit of the first teacher.
+        """Return actions (n, num_joints), the clear observation (n, num_observed), and the logits of the gates.
 
-        The logit (n,) is above 0 where the first teacher has more than half of the say.
+        The logits (n, teachers - 1) are those of the first teacher and of all from the third on; one is above 0 where
+        that teacher has more than half of the say.
         """
         told = self.trunk(inputs)
-        correction, noisy, choice = told[:, : self.num_observed], told[:, -2:-1], told[:, -1:]
+        correction, noisy, choices = told.split([self.num_observed, 1, len(self._teachers) - 1], dim=1)
         clear = inputs[:, : self.num_observed] + _gate(noisy) * correction
-        first, second = (_through(layers, clear) for layers in self._teachers)
-        return second + _gate(choice) * (first - second), clear, 4.0 * (choice[:, 0] - MIDDLE)
+        first, second, *others = (_through(layers, clear) for layers in self._teachers)
+        actions = second
+        for choice, action in zip(choices.split(1, dim=1), (first, *others), strict=True):
+            actions = actions + _gate(choice) * (action - second)
+        return actions, clear, 4.0 * (choices - MIDDLE)
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the actions."""
@@ -67,50 +71,62 @@ class MixtureNetwork(nn.Module):
 
     def layers(self) -> Layers:
         """Return the same as one chain of linear layers with tanh between them."""
-        observed = self.num_observed
+        observed, gates = self.num_observed, len(self._teachers) - 1
         (w1, b1), (w2, b2), (w3, b3) = ((_array(m.weight), _array(m.bias)) for m in linear_modules(self.trunk))
-        first, second = ([(_array(w), _array(b)) for w, b in each] for each in self._teachers)
-        eye, one = np.eye(observed), np.ones((1, 1))
-        see = np.eye(observed, w1.shape[1])
+        eye = np.eye(observed)
+        told = _stack((_PASS * w3[:observed], _PASS * b3[:observed]), (w3[observed:], b3[observed:]))
         chain = [
-            _stack((w1, b1), (_PASS * see, None)),
+            _stack((w1, b1), (_PASS * np.eye(observed, w1.shape[1]), None)),
             _blocks((w2, b2), (eye, None)),
-            # The correction, the two choices, and the observation.
-            _blocks(
-                _stack((_PASS * w3[:observed], _PASS * b3[:observed]), (w3[observed:], b3[observed:])), (eye, None)
-            ),
+            _blocks(told, (eye, None)),
         ]
-        # Values now: correction * PASS, tanh(noisy), tanh(choice), observation * PASS.
-        size = 2 * observed + 2
-        correction = np.zeros((observed, size))
-        correction[:, :observed] = eye / _PASS
-        closing = np.zeros((observed, size))
+        # Values now: correction * PASS, tanh(noisy), tanh(choices), observation * PASS.
+        size = 2 * observed + 1 + gates
+        correction, closing = np.eye(observed, size) / _PASS, np.zeros((observed, size))
         closing[:, observed] = -CLOSED
-        passed = np.zeros((1 + observed, size))
-        passed[0, observed + 1] = _PASS
-        passed[1:, observed + 2 :] = eye
+        passed = np.eye(gates + observed, size, k=observed + 1)
+        passed[:gates] *= _PASS
         chain.append(_stack(*_halves(closing, correction, np.zeros(observed)), (passed, None)))
-        # Values now: both halves of the gated correction, tanh(choice) * PASS, observation * PASS.
-        clear = np.hstack([_of_halves(observed), np.zeros((observed, 1)), eye / _PASS])
-        choice = np.zeros((1, clear.shape[1]))
-        choice[0, 2 * observed] = 1.0
-        (f1, c1), (s1, d1) = first[0], second[0]
-        chain.append(_stack((f1 @ clear, c1), (s1 @ clear, d1), (choice, None)))
-        for ours, theirs in zip(first[1:-1], second[1:-1], strict=True):
-            chain.append(_blocks(ours, theirs, (one, None)))
-        return chain + _last(first[-1], second[-1])
+        # Values now: both halves of the gated correction, tanh(choices) * PASS, observation * PASS.
+        clear = np.hstack([_of_halves(observed), np.zeros((observed, gates)), eye / _PASS])
+        choices = np.eye(gates, clear.shape[1], k=2 * observed)
+        depth = max(map(len, self._teachers))
+        teachers = [_deepened([(_array(w), _array(b)) for w, b in each], depth) for each in self._teachers]
+        chain.append(_stack(*((each[0][0] @ clear, each[0][1]) for each in teachers), (choices, None)))
+        hidden = (_blocks(*(each[layer] for each in teachers), (np.eye(gates), None)) for layer in range(1, depth - 1))
+        return [*chain, *hidden, *_last([each[-1] for each in teachers])]
 
 
-def _last(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> Layers:
-    """The gate between both teachers' actions, and its output."""
-    (f, c), (s, d) = first, second
-    joints = len(c)
-    difference = np.hstack([f, -s, np.zeros((joints, 1))])
-    closing = np.zeros_like(difference)
-    closing[:, -1] = -CLOSED / _PASS
-    theirs = np.hstack([np.zeros_like(f), s, np.zeros((joints, 1))])
-    gates = _stack(*_halves(closing, difference, c - d), (_PASS * theirs, _PASS * d))
-    return [gates, (np.hstack([_of_halves(joints), np.eye(joints) / _PASS]), np.zeros(joints))]
+def _deepened(layers: Layers, depth: int) -> Layers:
+    """The same network with so many layers: the first ones hand its inputs on."""
+    (weight, bias), *others = layers
+    eye = np.eye(weight.shape[1])
+    hands_on = [(_PASS * eye if i == 0 else eye, np.zeros(len(eye))) for i in range(depth - len(layers))]
+    return [*hands_on, (weight / _PASS if hands_on else weight, bias), *others]
+
+
+def _last(teachers: Sequence[tuple[np.ndarray, np.ndarray]]) -> Layers:
+    """The gates between all teachers' actions, and their output.
+
+    Args:
+        teachers: the last layer of each.
+    """
+    num_joints, gates = len(teachers[0][1]), len(teachers) - 1
+    width = sum(weight.shape[1] for weight, _ in teachers) + gates
+    ends = np.cumsum([weight.shape[1] for weight, _ in teachers])
+    actions = []
+    for (weight, bias), end in zip(teachers, ends, strict=True):
+        columns = np.zeros((num_joints, width))
+        columns[:, end - weight.shape[1] : end] = weight
+        actions.append((columns, bias))
+    first, (second, bias), *others = actions
+    parts: list[tuple[np.ndarray, np.ndarray | None]] = []
+    for gate, (weight, shift) in enumerate((first, *others)):
+        closing = np.zeros((num_joints, width))
+        closing[:, gate - gates] = -CLOSED / _PASS
+        parts += _halves(closing, weight - second, shift - bias)
+    out = np.hstack([*[_of_halves(num_joints)] * gates, np.eye(num_joints) / _PASS])
+    return [_stack(*parts, (_PASS * second, _PASS * bias)), (out, np.zeros(num_joints))]
 
 
 def _halves(closing: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

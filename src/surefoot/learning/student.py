@@ -132,14 +132,14 @@ class Student:
 
 
 class MixtureStudent(Student):
-    """A student with both teachers inside: it learns what its sensors hide, and which teacher fits.
+    """A student with all teachers inside: it learns what its sensors hide, and which teacher fits.
 
     Args:
         env, hidden, past_observations, past_actions, learning_rate: as of a `Student`; the layers are the trunk's.
-        teachers: the two.
+        teachers: two or more.
 
     Raises:
-        UserError: there are not two teachers, or a network cannot be taken in.
+        UserError: there are too few teachers, or a network cannot be taken in.
     """
 
     network: MixtureNetwork
@@ -153,38 +153,42 @@ class MixtureStudent(Student):
         learning_rate: float,
         teachers: Sequence[NetworkAgent],
     ):
-        if len(teachers) != 2 or len(hidden) != 2:
-            raise UserError(f"a mixture has 2 teachers and 2 hidden layers, not {len(teachers)} and {len(hidden)}")
+        if len(teachers) < 2 or len(hidden) != 2:
+            raise UserError(
+                f"a mixture has 2 or more teachers and 2 hidden layers, not {len(teachers)} and {len(hidden)}"
+            )
         self._teachers = teachers
+        self._gated = np.array([0, *range(2, len(teachers))])
         super().__init__(env, hidden, past_observations, past_actions, learning_rate)
 
     @property
     def num_targets(self) -> int:
-        """The labels, the clear observation, and whether the first teacher gave them."""
-        return self.env.robot.num_joints + self.num_observed + 1
+        """The labels, the clear observation, and which teacher gave them."""
+        return self.env.robot.num_joints + self.num_observed + len(self._gated)
 
     def new_network(self, hidden: Sequence[int]) -> nn.Module:
         """Return a mixture that hears the second teacher only, and believes its sensors."""
-        first, second = (self._taken_in(teacher) for teacher in self._teachers)
-        return MixtureNetwork(len(self.normalise.mean), self.num_observed, hidden, first, second)
+        teachers = [self._taken_in(teacher) for teacher in self._teachers]
+        return MixtureNetwork(len(self.normalise.mean), self.num_observed, hidden, teachers)
 
     def layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return the network as a chain of linear layers with tanh between them."""
         return self.network.layers()
 
     def targets(self, labels: np.ndarray, levels: np.ndarray, clear: np.ndarray) -> np.ndarray:
-        """Return labels, normalised clear observation, and whether the first teacher gave the label."""
+        """Return labels, normalised clear observation, and for each gate whether its teacher gave the label."""
         observed = slice(self.num_observed)
         normalised = (clear - self.normalise.mean[observed]) / self.normalise.std[observed]
-        return np.column_stack([labels, normalised, levels == 0])
+        return np.column_stack([labels, normalised, levels[:, None] == self._gated])
 
     def error(self, inputs: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
-        """Return the squared errors of actions and clear observation, and how surprised the gate is: (n,)."""
-        actions, clear, logit = self.network.parts(inputs)
-        joints = actions.shape[1]
-        surprise = nn.functional.binary_cross_entropy_with_logits(logit, targets[:, -1], reduction="none")
-        action_error = (actions.clamp(-1.0, 1.0) - targets[:, :joints]).square().mean(dim=1)
-        return action_error + (clear - targets[:, joints:-1]).square().mean(dim=1) + GATE_WEIGHT * surprise
+        """Return the squared errors of actions and clear observation, and how surprised the gates are: (n,)."""
+        actions, clear, logits = self.network.parts(inputs)
+        sizes = [actions.shape[1], clear.shape[1], logits.shape[1]]
+        labels, truth, gates = torch.split(targets, sizes, dim=1)
+        surprise = nn.functional.binary_cross_entropy_with_logits(logits, gates, reduction="none").sum(dim=1)
+        action_error = (actions.clamp(-1.0, 1.0) - labels).square().mean(dim=1)
+        return action_error + (clear - truth).square().mean(dim=1) + GATE_WEIGHT * surprise
 
     def take_policy(self, policy: NetworkAgent) -> None:
         """Raise a UserError: what a mixture is made of cannot be told from its file."""
@@ -193,15 +197,16 @@ class MixtureStudent(Student):
     def _taken_in(self, teacher: NetworkAgent) -> list[tuple[np.ndarray, np.ndarray]]:
         """A teacher's layers on the normalised observation, in the student's actions."""
         contract, config = teacher.contract, self.env.config
-        if contract.training.get("algorithm") == "ddpg":
-            raise UserError(f"the teacher {teacher.name} is of DDPG, whose networks a mixture cannot take in")
         if contract.action_scale < config.action_scale:
             raise UserError(
                 f"the teacher {teacher.name} has the action scale {contract.action_scale}, less than the mixture's "
                 f"{config.action_scale}"
             )
         observed = slice(self.num_observed)
-        *hidden, (weight, bias) = teacher.layers(self.normalise.mean[observed], self.normalise.std[observed])
+        layers = teacher.layers(self.normalise.mean[observed], self.normalise.std[observed])
+        if teacher.squash:  # its last tanh becomes one more layer
+            layers.append((np.eye(self.env.robot.num_joints), np.zeros(self.env.robot.num_joints)))
+        *hidden, (weight, bias) = layers
         scale = contract.action_scale / config.action_scale
         shift = (np.array(contract.nominal_pose) - self.env.loop.nominal) / config.action_scale
         return [*hidden, (scale * weight, scale * bias + shift)]

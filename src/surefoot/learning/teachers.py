@@ -7,6 +7,7 @@ grows. What cannot be seen must not decide, or two teachers' answers to the same
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -35,14 +36,14 @@ HOME_SHIFT, HOME_BEND = 0.03, 0.2
 nominal pose, root mean square [rad]."""
 STEPPED_SHIFT = 0.06
 """A robot whose feet stand to each other otherwise than at the start by more than this [m] has stepped."""
-SLOW_S, SLOW_SPEED = 1.0, 0.3
-"""This long after the beginning of its push [s], a robot whose CoM is slower than this [m/s] listens to the second
-teacher at most: how it stands must not depend on how it came to stand."""
+SLOW_S, SLOW_SPEED, SLOW_STEPS = 1.0, 0.3, 8
+"""This long after the beginning of its push [s], a robot whose CoM has been slower than this [m/s] for so many policy
+steps listens to the second teacher at most: how it stands must not depend on how it came to stand."""
 FAR = 0.02
 """A capture point that would be so much farther than a border at the next policy step, if it went on as it goes, is
 beyond it now [m], for a robot with legs as long as the paper's: one step more of the wrong teacher costs recoveries."""
 LANDED_S = 1.5
-"""A dropped robot listens to the last teacher until then [s]."""
+"""A dropped robot listens to the second teacher or a later one until then [s]."""
 
 _MEASURED = ("beyond_standing", "beyond_held")
 NUM_MEASURED = 16
@@ -56,21 +57,25 @@ class Teacher:
     Attributes:
         policy: for the student's robot and nominal pose; its action scale may differ.
         beyond: word of a body -> impulses [Ns] in evenly spaced directions, counter-clockwise from +x, linear between
-            them. A robot that has felt more than this listens to this teacher. The first teacher has none.
+            them. A robot that has felt more than this listens to this teacher. The first teacher has none. What is
+            felt at other bodies does not count.
         capture_point: how far the capture point may be from its place at the start [m], in evenly spaced directions,
             counter-clockwise from +x, linear between them. A robot whose capture point is farther listens to this
             teacher, whatever it has felt. Empty if only what it has felt counts.
+        vertical_speed: a robot whose CoM falls or rises faster than this [m/s] listens to this teacher.
         weight: of its labels while a robot recovers from a push.
     """
 
     policy: NetworkAgent
     beyond: Mapping[str, Sequence[float]] = field(default_factory=dict)
     capture_point: Sequence[float] = ()
+    vertical_speed: float = math.inf
     weight: float = 1.0
 
     def borders(self) -> dict[str, Any]:
         """Return where the teacher begins to label, as a checkpoint keeps it."""
-        return {"beyond": dict(self.beyond), "capture_point": list(self.capture_point)}
+        vertical = {"vertical_speed": self.vertical_speed} if math.isfinite(self.vertical_speed) else {}
+        return {"beyond": dict(self.beyond), "capture_point": list(self.capture_point)} | vertical
 
 
 class Teachers:
@@ -95,21 +100,24 @@ class Teachers:
         self.teachers = list(teachers)
         self.env = env
         self.level = np.zeros(env.num_envs, np.int64)
-        self._limits = np.zeros((len(teachers) - 1, len(env.robot.body_names), 360))
+        self._limits = np.full((len(teachers) - 1, len(env.robot.body_names), 360), np.inf)
         for row, teacher in enumerate(teachers[1:]):
             for body, impulses in teacher.beyond.items():
                 self._limits[row, env.robot.body_id(body)] = by_degree(impulses)
         self._reach = np.array([by_degree(t.capture_point or [np.inf]) for t in teachers[1:]]).reshape(-1, 360)
+        self._vertical = np.array([t.vertical_speed for t in teachers[1:]]).reshape(-1, 1)
+        self._indices = np.arange(1, len(teachers)).reshape(-1, 1)
         names = observation.component_names(env.robot)
         vectors = "com_velocity", "left_foot_position", "right_foot_position"
         self._columns = {name: names.index(f"{name}.x") for name in vectors}
         self._home = np.zeros(3)
         self._home_capture_point = np.zeros(2)
         self._last_capture_point = np.zeros(env.num_envs, complex)
+        self._slow_steps = np.zeros(env.num_envs, np.int64)
 
     def begin(self, observations: np.ndarray) -> None:
         """All robots begin an episode with these observations (N, num_observations)."""
-        self.level[:] = 0
+        self.level[:] = self._slow_steps[:] = 0
         self._home = self._feet(observations).mean(axis=0)
         capture_point = capture_points.from_feet(self.env.robot, observations)
         self._home_capture_point = np.median(capture_point, axis=0)
@@ -124,20 +132,24 @@ class Teachers:
         """
         level, env = self.level, self.env
         level[ended] = 0
-        speed = np.linalg.norm(self._vector(observations, "com_velocity"), axis=1)
+        velocity = self._vector(observations, "com_velocity")
+        speed = np.linalg.norm(velocity, axis=1)
         shift = np.abs(self._feet(observations) - self._home).max(axis=1)
         bend = np.sqrt(np.square(observations[:, : env.robot.num_joints] - env.loop.nominal).mean(axis=1))
         _, since = env.random_pushes.latest(env.loop.tick)
-        slow = (since > SLOW_S * CONTROL_HZ) & (speed < SLOW_SPEED)
+        self._slow_steps = np.where(ended | (speed > SLOW_SPEED), 0, self._slow_steps + 1)
+        slow = (since > SLOW_S * CONTROL_HZ) & (self._slow_steps >= SLOW_STEPS)
         level[slow] = np.minimum(level[slow], 1)
         is_home = (since > HOME_S * CONTROL_HZ) & (speed < HOME_SPEED) & (shift < HOME_SHIFT) & (bend < HOME_BEND)
         level[is_home] = 0
         level[shift > STEPPED_SHIFT] = np.maximum(level[shift > STEPPED_SHIFT], 1)
         body, impulse = env.felt_push()
         degrees = np.degrees(np.angle(impulse)).astype(np.int64) % 360
-        np.maximum(level, (np.abs(impulse) > self._limits[:, body, degrees]).sum(axis=0), out=level)
-        np.maximum(level, self._out_of_reach(observations, ended), out=level)
-        level[env.was_dropped & (env.loop.tick < LANDED_S * CONTROL_HZ)] = len(self.teachers) - 1
+        beyond = np.abs(impulse) > self._limits[:, body, degrees]
+        beyond |= self._out_of_reach(observations, ended) | (np.abs(velocity[:, 2]) > self._vertical)
+        np.maximum(level, (beyond * self._indices).max(axis=0, initial=0), out=level)
+        lands = env.was_dropped & (env.loop.tick < LANDED_S * CONTROL_HZ)
+        level[lands] = np.maximum(level[lands], min(1, len(self.teachers) - 1))
 
     def labels(self, observations: np.ndarray, actions: np.ndarray, either: float) -> tuple[np.ndarray, np.ndarray]:
         """Return what each robot's teacher would do.
@@ -184,7 +196,7 @@ class Teachers:
         return np.clip((target - self.env.loop.nominal) / self.env.loop.action_scale, -1.0, 1.0)
 
     def _out_of_reach(self, observations: np.ndarray, ended: np.ndarray) -> np.ndarray:
-        """Return how many borders each robot's capture point is beyond, or would be far beyond soon (N,)."""
+        """Tell which borders each robot's capture point is beyond, or would be far beyond soon (teachers - 1, N)."""
         here = horizontal(capture_points.from_feet(self.env.robot, observations) - self._home_capture_point)
         soon = np.where(ended, here, 2.0 * here - self._last_capture_point)
         self._last_capture_point = here
@@ -193,7 +205,7 @@ class Teachers:
             np.abs(point) > self._reach[:, np.degrees(np.angle(point)).astype(np.int64) % 360] + margin
             for point, margin in ((here, 0.0), (soon, far))
         ]
-        return np.logical_or(*beyond).sum(axis=0)
+        return np.logical_or(*beyond)
 
     def _feet(self, observations: np.ndarray) -> np.ndarray:
         """The left foot from the right one in the heading frame (N, 3) [m]."""
@@ -216,7 +228,7 @@ def read_teachers(
     Args:
         tables: one for each teacher, with the keys
             `policy`: a stage of the same run, a shipped policy, or a policy file;
-            `beyond`, `capture_point` and `weight`: see `Teacher`;
+            `beyond`, `capture_point`, `vertical_speed` and `weight`: see `Teacher`;
             `beyond_standing`: words of bodies. Beyond the largest push there from which the first teacher recovers
             without a step, a robot listens to this teacher. That is measured, which takes minutes.
             `beyond_held`: true if a robot listens to this teacher whose capture point is farther than where the first
@@ -239,7 +251,7 @@ def read_teachers(
         try:
             teachers.append(Teacher(policy, **values))
         except TypeError as error:
-            valid = "policy, beyond, beyond_standing, capture_point, beyond_held, weight"
+            valid = "policy, beyond, beyond_standing, capture_point, beyond_held, vertical_speed, weight"
             raise UserError(f"unknown key of the teacher {table.get('policy')}; valid: {valid}") from error
     return teachers
 
