@@ -111,6 +111,11 @@ def test_a_row_that_cannot_be_read_is_named_with_its_file(statement: str, messag
     assert "\n" not in str(error.value)
 
 
+def test_a_name_that_is_not_utf_8_is_read_with_signs_in_place_of_its_damaged_bytes(table: Path) -> None:
+    damage(table, "UPDATE policies SET name = CAST(x'61ff62' AS TEXT)")
+    assert [evaluation.name for evaluation in read_evaluations([table])] == ["a\ufffdb"]
+
+
 def test_pipes_and_folders_are_no_results_tables(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for name in ("pipe", "."):

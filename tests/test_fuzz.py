@@ -21,12 +21,24 @@ NUMBERS = {
 }
 """Cases of the formats that take long to read; 200 of each other one."""
 
+FOUND = [
+    ("policy.onnx, bytes", 40_028),  # the name of a size that is not UTF-8
+    ("checkpoint.npz", 76_782),  # a zip file of version 13.6
+]
+"""Cases that `make fuzz` has ended in a traceback."""
+
 
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.filterwarnings("ignore")
 def test_a_damaged_file_is_accepted_or_refused_in_one_line(name: str) -> None:
     found = {number: run_case((name, number)) for number in range(NUMBERS.get(name, 200))}
     assert {number: each for number, each in found.items() if each[0] not in (ACCEPTED, CLEAN)} == {}
+
+
+@pytest.mark.parametrize("case", FOUND)
+@pytest.mark.filterwarnings("ignore")
+def test_a_case_that_once_ended_in_a_traceback_is_refused_in_one_line(case: tuple[str, int]) -> None:
+    assert run_case(case)[0] == CLEAN
 
 
 @pytest.mark.parametrize("name", [name for name in FORMATS if name not in ("command line", "checkpoint.npz")])

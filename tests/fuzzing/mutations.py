@@ -95,10 +95,18 @@ def damaged_value(rng: random.Random, value: Any) -> Any:
         elif kind == 2 and isinstance(holder[key], list):
             holder[key] = holder[key] * rng.choice((0, 2, 50))
         elif kind == 3 and isinstance(holder[key], int | float):
-            holder[key] = holder[key] * rng.choice((-1, 0, 1e6, 10**12, 0.5))
+            holder[key] = _product(holder[key], rng.choice((-1, 0, 1e6, 10**12, 0.5)))
         else:
             holder[key] = _copied(rng.choice(VALUES))
     return value
+
+
+def _product(number: float, factor: float) -> float:
+    """Both multiplied; as a whole number where that is too large for a float."""
+    try:
+        return number * factor
+    except OverflowError:
+        return number * int(factor)
 
 
 def _copied(value: Any) -> Any:

@@ -49,6 +49,8 @@ class NetworkAgent(ObservingAgent):
         options.log_severity_level = 4
         try:
             self._session = onnxruntime.InferenceSession(checked, options, providers=["CPUExecutionProvider"])
+            ends = self._session.get_inputs(), self._session.get_outputs()
+            sizes = tuple([tensor.shape[1:] for tensor in tensors] for tensors in ends)
         except Exception as error:  # onnxruntime raises a family of undocumented types for a corrupt file
             raise UserError(f"{source} is not a policy file: not a readable ONNX network") from error
         try:
@@ -60,7 +62,7 @@ class NetworkAgent(ObservingAgent):
         self.name = name
         self.digest = hashlib.sha256(data).hexdigest()
         self._data, self._source = data, source
-        self._check_sizes(source)
+        self._check_sizes(sizes)
         self._input = self._session.get_inputs()[0].name
         self._nominal = np.array(contract.nominal_pose)
         self._memory = self.new_memory()
@@ -88,11 +90,12 @@ class NetworkAgent(ObservingAgent):
         """Does the network take more than the present observation?"""
         return self.contract.num_inputs > len(self.contract.observations)
 
-    def _check_sizes(self, source: str) -> None:
+    def _check_sizes(self, found: tuple[list[Any], ...]) -> None:
+        """Check the sizes of the inputs and of the outputs."""
         expected = [self.contract.num_inputs], [len(self.contract.joints)]
-        found = [t.shape[1:] for t in self._session.get_inputs()], [t.shape[1:] for t in self._session.get_outputs()]
         if found != ([expected[0]], [expected[1]]):
-            raise UserError(f"{source} maps {found[0]} to {found[1]} numbers, not {expected[0]} to {expected[1]}")
+            inputs, outputs = found
+            raise UserError(f"{self._source} maps {inputs} to {outputs} numbers, not {expected[0]} to {expected[1]}")
 
     @property
     def data(self) -> bytes:

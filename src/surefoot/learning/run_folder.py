@@ -261,6 +261,7 @@ def discard_beginning(path: Path) -> None:
 
 _DAMAGE = (
     OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, EOFError, RecursionError, zipfile.BadZipFile,
+    NotImplementedError,  # of a zip file of a later version
 )  # fmt: skip
 """What reading a damaged checkpoint raises."""
 

@@ -7,7 +7,6 @@ deals them out and collects what they did. No robot's numbers depend on which pr
 from __future__ import annotations
 
 import importlib.util
-import os
 import pickle
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from surefoot.cores import num_cores
 from surefoot.errors import UserError
 from surefoot.extras import advice
 from surefoot.physics.engine import WHOLE_STEP
@@ -63,7 +63,7 @@ class PybulletEngine:
         self.num_diverged = 0
         self._now = np.zeros((num_robots, 1, num_columns))
         self._rest: dict[int, np.ndarray] = {}
-        num_workers = min(num_threads or os.cpu_count() or 1, num_robots)
+        num_workers = min(num_threads or num_cores(), num_robots)
         self._owner = np.arange(num_robots) % num_workers
         self._workers = [_Worker(robot, domain, np.flatnonzero(self._owner == i)) for i in range(num_workers)]
 
