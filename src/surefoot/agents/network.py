@@ -90,7 +90,7 @@ class NetworkAgent(ObservingAgent):
         """Does the network take more than the present observation?"""
         return self.contract.num_inputs > len(self.contract.observations)
 
-    def _check_sizes(self, found: tuple[list[Any], ...]) -> None:
+    def _check_sizes(self, found: tuple[list[list[int | str]], ...]) -> None:
         """Check the sizes of the inputs and of the outputs."""
         expected = [self.contract.num_inputs], [len(self.contract.joints)]
         if found != ([expected[0]], [expected[1]]):
