@@ -23,7 +23,7 @@ GROUPS = ("torso_pitch", "hip_roll", "hip_pitch", "knee_pitch", "ankle_pitch", "
 
 
 class Watched:
-    """A robot at rest in a trial of 2 s that begins at its reset, of which the last second is the calm time."""
+    """A robot at rest in a trial of 2 s that begins at its reset, of which the last second is the quiet time."""
 
     def __init__(self, robot: Robot, standing: StepRecord, altered: Callable[..., StepRecord], **changes: float):
         self.standing, self.altered = standing, altered
@@ -162,7 +162,7 @@ def test_the_calm_time_is_what_its_ticks_say(robot: Robot) -> None:
     rng = np.random.default_rng(trial.seed)
     rng.uniform(-0.02, 0.02, robot.num_joints)
     start = 500 + int(rng.integers(20))
-    # The first policy step that begins in the calm time, 1 s after the push began, and 3 s from there.
+    # The first policy step that begins in the quiet time, 1 s after the push began, and 3 s from there.
     first = -(-(start + 500) // 20) * 20
     calm = slice(first, first + 1500)
     assert outcome.quiet_power == pytest.approx(trace["joint_power"][calm].sum(axis=1).mean(), rel=1e-9)

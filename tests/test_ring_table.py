@@ -54,7 +54,7 @@ def test_a_row_has_what_makes_robots_comparable(tables: list[Path]) -> None:
     assert (first["robot"], first["agent"], first["directions"]) == ("Valkyrie", "nominal-bent", "16")
     assert first["any"] == first["within limits"] == first["no step"] == first["torso"] == first["J50"] == "60 / 120"
     assert first["[Ns/kg]"] == "0.44 / 0.87"
-    assert first["calm"] == "1.2 cm, 2.0 W"
+    assert first["quiet"] == "1.2 cm, 2.0 W"
     # The CoM of the bent pose is 1.1 m above the soles: sqrt(9.81 x 1.1) = 3.3 m/s, and 0.44 / 3.3 = 0.13.
     assert float(first["J / (m sqrt(g z))"].split(" / ")[0]) == pytest.approx(0.437 / math.sqrt(9.81 * 1.1), abs=0.01)
     # Per mass the other robot's grid is the same but for whole newtons.

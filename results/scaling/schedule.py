@@ -56,7 +56,7 @@ def simulate(lines: str) -> None:
         suite = [float(row["robot_s"]) / per_core for row in csv.DictReader(stream)]
     print(f"{len(suite)} tasks, {sum(suite):.0f} s of one core, the longest {max(suite):.0f} s")
     for words, tasks in (("one policy", suite), (f"{STUDY} policies", suite * STUDY)):
-        print(f"\n{words}\n| cores | as they come [s] | longest first [s] | speed-up |\n|---|---|---|---|")
+        print(f"\n{words}\n| cores | in the suite's order [s] | longest first [s] | speed-up |\n|---|---|---|---|")
         alone = makespan(tasks, 1)
         for cores in CORES:
             plain, sorted_ = makespan(tasks, cores), makespan(sorted(tasks, reverse=True), cores)

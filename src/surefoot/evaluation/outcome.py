@@ -20,9 +20,9 @@ class Outcome:
         com_speed: mean over the judged time [m/s]; NaN if the trial ended before.
         root_tilt: largest angle of the root from upright since the disturbance began [rad].
         ankle, hip, foot_tilt, steps: the strategies (`surefoot.evaluation.strategies`); steps are counted.
-        quiet_drift: farthest that the CoM came, horizontally, from where it was when the calm time began [m].
-        quiet_power: mean of sum |torque * velocity| over the calm time [W].
-        quiet_steps: steps in the calm time. These three are NaN for a trial that ended before its horizon.
+        quiet_drift: farthest that the CoM came, horizontally, from where it was when the quiet time began [m].
+        quiet_power: mean of sum |torque * velocity| over the quiet time [W].
+        quiet_steps: steps in the quiet time. These three are NaN for a trial that ended before its horizon.
         torque_ratio, speed_ratio: largest share of a joint's torque and speed limit that was used.
         sustained_speed_ratio: largest share of a joint's speed limit that its mean speed over 10 ms used.
         torque_peaks, speed_peaks: largest torque [Nm] and speed [rad/s] by joint group.

@@ -24,7 +24,7 @@ def ring_table(evaluations: Sequence[Evaluation]) -> Table:
     rows = [row for e in evaluations if (row := _row(e))]
     columns = [
         "robot", "agent", "directions", "within limits", "any", "[Ns/kg]", "J / (m sqrt(g z))", "J50", "no step",
-        "torso", "torso J50", "calm",
+        "torso", "torso J50", "quiet",
     ]  # fmt: skip
     note = (
         "Rejected impulses, the worst and the best direction [Ns]. Ns/kg and J / (m sqrt(g z)) are of any joint speeds;"
@@ -53,7 +53,7 @@ def _row(e: Evaluation) -> list[str]:
         _span(found.get("root_push_no_step")),
         _span(found.get(_TORSO)),
         _span(found.get(_TORSO + _HALF)),
-        _calm(e),
+        _quiet(e),
     ]
 
 
@@ -69,7 +69,7 @@ def _span(lines: Mapping[str, Threshold] | None) -> str:
     return f"{worst:.3g} / {best:.3g}"
 
 
-def _calm(e: Evaluation) -> str:
+def _quiet(e: Evaluation) -> str:
     outcomes = list(e.fixed.get("quiet", {}).values())
     if not outcomes or not all(outcome.recovered for outcome in outcomes):
         return "does not stand" if outcomes else ""
