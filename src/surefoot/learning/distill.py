@@ -132,6 +132,7 @@ class Distiller:
         self.kept = KeptPolicies(partial(validate_graded, num_threads=num_threads))
         self._deviation = np.linspace(*config.noise, config.num_envs)[:, None]
         self._drift = np.zeros((config.num_envs, self.env.robot.num_joints))
+        self._clear = np.zeros((config.num_envs, self.student.num_observed))
         self._owed = 0.0
         self.origin = Origin()
         if start:
@@ -161,7 +162,8 @@ class Distiller:
         """Start every robot anew; returns their observations with noise (N, num_observations)."""
         observations, _ = self.env.reset(seed=int(self.rng.integers(2**31)))
         self.student.memory.reset(np.arange(self.env.num_envs))
-        self.teachers.begin(self._clear())
+        self._clear = self._observe_clearly()
+        self.teachers.begin(self._clear)
         return observations
 
     def _learn(self, observations: np.ndarray) -> None:
@@ -200,7 +202,8 @@ class Distiller:
         self.student.remember(observations, actions)
         observations, _, terminated, truncated, _ = self.env.step(actions)
         self.student.memory.reset(np.flatnonzero(terminated | truncated))
-        self.teachers.update(self._clear(), terminated | truncated)
+        self._clear = self._observe_clearly()
+        self.teachers.update(self._clear, terminated | truncated)
         self._owed += self.told.gradient_steps
         while self._owed >= 1.0:
             self._owed -= 1.0
@@ -239,7 +242,7 @@ class Distiller:
 
     def _labelled(self, inputs: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """Keep what the teachers say; return actions (N, num_joints), some of which are the teachers' at first."""
-        clear = self._clear()
+        clear = self._clear
         labels, levels = self.teachers.labels(clear, actions, self.told.either)
         for i in range(len(self.losses)):
             if (rows := levels == i).any():
@@ -259,7 +262,7 @@ class Distiller:
         self._drift = kept * self._drift + np.sqrt(1.0 - kept**2) * fresh
         return actions + self._deviation * self._drift
 
-    def _clear(self) -> np.ndarray:
+    def _observe_clearly(self) -> np.ndarray:
         """Observations without noise (N, num_observations)."""
         return self.env.loop.observe(slice(None), with_errors=False)
 

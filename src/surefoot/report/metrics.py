@@ -116,15 +116,15 @@ def _noise_figures(found: Mapping[str, Mapping[str, Threshold]]) -> dict[str, fl
 def _quiet_figures(fixed: Mapping[str, Mapping[Trial, Outcome]]) -> dict[str, float]:
     figures: dict[str, float] = {}
     if "quiet" in fixed:
-        figures |= _quiet_figures("quiet", list(fixed["quiet"].values()))
+        figures |= _stillness("quiet", list(fixed["quiet"].values()))
     after = [o for name, outcomes in fixed.items() if name.startswith(QUIET_AFTER) for o in outcomes.values()]
     if after:
-        figures |= _quiet_figures("quiet_after_push", [outcome for outcome in after if outcome.recovered])
+        figures |= _stillness("quiet_after_push", [outcome for outcome in after if outcome.recovered])
         figures["quiet_after_push.recovered_share"] = round(float(np.mean([o.recovered for o in after])), 4)
     return figures
 
 
-def _quiet_figures(key: str, outcomes: Sequence[Outcome]) -> dict[str, float]:
+def _stillness(key: str, outcomes: Sequence[Outcome]) -> dict[str, float]:
     """Largest drift and power and all steps of some trials; NaN, JSON's null, if one did not stand to its end."""
     drift = max((o.quiet_drift for o in outcomes), default=math.nan)
     power = max((o.quiet_power for o in outcomes), default=math.nan)
