@@ -30,8 +30,7 @@ from surefoot.robots import Robot, load_robot
 from surefoot.task.agent import Agent, Command
 from surefoot.task.control_loop import ControlLoop
 from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
-from surefoot.task.random_pushes import PUSH as PUSH_SLOT
-from surefoot.task.random_pushes import DisturbanceConfig, RandomPushes
+from surefoot.task.random_pushes import DisturbanceConfig
 from surefoot.task.reward import RewardContext
 
 
@@ -339,18 +338,3 @@ def full_after(num_bytes: int) -> Iterator[None]:
 def random_targets(robot: Robot, num_robots: int, seed: int = 0) -> np.ndarray:
     noise = np.random.default_rng(seed).uniform(-0.3, 0.3, (num_robots, TICKS_PER_STEP, robot.num_joints))
     return np.clip(robot.pose("bent") + noise, robot.joint_lower, robot.joint_upper)
-
-
-class Slot:
-    """What one slot of some pushes holds, as views: (num_robots, ...)."""
-
-    def __init__(self, pushes: Pushes, slot: int):
-        self.start, self.end = pushes.start[:, slot], pushes.end[:, slot]
-        self.body, self.force = pushes.body[:, slot], pushes.force[:, slot]
-
-
-def random_pushes(robot: Robot, num_robots: int, seed: int = 0, **config: object) -> tuple[RandomPushes, Slot]:
-    pushes = Pushes(robot, num_robots, num_slots=2)
-    random = RandomPushes(DisturbanceConfig(**config), pushes, np.random.default_rng(seed))
-    random.reset(np.arange(num_robots))
-    return random, Slot(pushes, PUSH_SLOT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import random_pushes
+from drawn_pushes import random_pushes
 
 from surefoot.physics.pushes import PUSH_DURATION
 from surefoot.robots import Robot

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import NUM_BODIES, Slot, random_pushes, write_wrench
+from conftest import NUM_BODIES, write_wrench
+from drawn_pushes import Slot, random_pushes
 
 from surefoot.errors import UserError
 from surefoot.physics.pushes import PUSH_DURATION
