@@ -160,7 +160,8 @@ def _asked(question: Callable[[], Any]) -> Any:
 def table(kills: list[Killed]) -> str:
     """What was lost, as Markdown."""
     lines = [
-        "| work | kills | at random moments | at chosen writes | greatest loss | oldest lost item before the kill [s] | "
+        "| work | kills | at random moments | at chosen writes | greatest loss | "
+        "oldest lost item before the kill [s] | "
         "corrupt files, better policies replaced, or losses beyond the promise |",
         "|---|---:|---:|---:|---:|---:|---:|",
     ]

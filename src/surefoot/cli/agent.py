@@ -1,4 +1,4 @@
-"""surefoot agent check: find out whether it is the policy or the adapter."""
+"""surefoot agent check: find out whether a fault is in the policy or in its adapter."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ _SHOWN_JOINTS = 5
 
 @dataclass(frozen=True)
 class AgentCommand:
-    """Check an agent: does it stand, does it follow, is its joint order right, what does it see and react to?
+    """Check whether an agent stands, follows and has the right joint order, and list what it sees and reacts to.
 
-    Exit code 1 says that it does not stand as it is given.
+    The exit code is 1 if the agent as given does not stand.
     """
 
     action: Annotated[Literal["check"], tyro.conf.Positional]
-    """What is done."""
+    """The action: check."""
     policy: Annotated[str, tyro.conf.Positional]
-    """FILE.py:CLASS, FILE.onnx (surefoot docs foreign-policies), controllers/NAME, or a policy of surefoot's."""
+    """FILE.py:CLASS, FILE.onnx (surefoot docs foreign-policies), controllers/NAME, or a policy of surefoot."""
     robot: str = ""
-    """A shipped robot's name, or a description (.toml); the shipped policies' robot without it."""
+    """A shipped robot's name, or a description (.toml). The default is the shipped policies' robot."""
     seconds: float = 20.0
-    """For how long it has to stand."""
+    """Time for which the agent must stand [s]."""
 
     def main(self) -> None:
         """Check and print."""

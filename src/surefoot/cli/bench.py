@@ -12,12 +12,12 @@ class Bench:
     """Measure the speed of every layer, as ratios in one run."""
 
     seconds: float = 20.0
-    """Time for each ratio."""
+    """Time to measure each ratio [s]."""
     robot: str = ""
-    """The robot: a shipped robot's name, or a description (.toml, surefoot docs your-robot); the shipped policies'
-    without it."""
+    """The robot: a shipped robot's name, or a description (.toml, surefoot docs your-robot). The default is
+    the shipped policies' robot."""
     json: str | None = None
-    """Write the figures as one flat JSON object to this file; - for standard output."""
+    """Write the figures as one flat JSON object to this file; - means standard output."""
 
     def main(self) -> None:
         """Measure, print and write."""

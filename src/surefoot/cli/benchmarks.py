@@ -1,7 +1,7 @@
-"""Bench: how fast each layer is, as ratios measured in one run.
+"""Benchmarks: the speed of each layer, as ratios measured in one run.
 
-The machines that this runs on are shared and noisy, so that steps per second say little; what a layer keeps of the
-speed below it does not depend on who else is computing.
+The benchmark runs on shared, noisy machines, where steps per second say little. The ratio of a layer's speed to that of
+the layer below it does not depend on other load.
 """
 
 from __future__ import annotations

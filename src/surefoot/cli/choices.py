@@ -1,4 +1,4 @@
-"""Choices: what `--help` says of the options of a command: their valid values, and what they mean."""
+"""Choices: the valid values and the meaning of each option, as `--help` shows them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands: all that the command line knows."""
+"""Commands: the table of all commands, and the parsing of a command line."""
 
 from __future__ import annotations
 

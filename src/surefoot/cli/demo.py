@@ -16,17 +16,17 @@ from surefoot.errors import UserError
 
 @dataclass(frozen=True)
 class Demo:
-    """The whole way in a few minutes: learn a policy, evaluate it, print the table, draw the pictures."""
+    """Learn a policy in a few minutes, evaluate it, print the table and draw the pictures."""
 
     minutes: float = 3.0
-    """Time for learning."""
+    """Minutes for learning."""
     algorithm: str = "ddpg"
     """trpo, ppo or ddpg."""
     out: Path = Path("runs/demo")
-    """Folder for the run, its results and its pictures. One that exists is left alone, and the demo goes to the next
-    of FOLDER-2, FOLDER-3, ... that does not."""
+    """Folder for the run, its results and its pictures. An existing folder is left alone; the demo then uses the
+    first of FOLDER-2, FOLDER-3, ... that does not exist."""
     seed: int = 0
-    """Seed of every random number that is drawn."""
+    """Seed of all random numbers."""
 
     def main(self) -> None:
         """Learn, evaluate and draw."""

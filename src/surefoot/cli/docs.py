@@ -1,4 +1,4 @@
-"""surefoot docs: the documentation that came with the package, in the terminal."""
+"""surefoot docs: show the documentation of the installed package in the terminal."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Docs:
     """Show a page of the documentation in the terminal, or list all of them."""
 
     page: Annotated[str, tyro.conf.Positional] = ""
-    """Name of a page, such as method; all are listed without it."""
+    """Name of a page, such as method. Without it, all pages are listed."""
 
     def main(self) -> None:
         """Print the page, as it is if nobody looks at a terminal."""

@@ -30,24 +30,24 @@ class Evaluate(Work):
     """Find how hard a push a policy survives, by the one definition of success (surefoot docs method)."""
 
     policy: Annotated[str, tyro.conf.Positional]
-    """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal": the nominal pose held by the joint
-    impedance alone. A controller: controllers/NAME (surefoot docs controllers), or FILE.py:CLASS of your own
+    """A shipped policy's name, a policy file (.onnx), a run folder, or "nominal" (the joint impedance alone holds the
+    nominal pose). Also a controller: controllers/NAME (surefoot docs controllers), or your own FILE.py:CLASS
     (surefoot docs your-controller)."""
     suite: str = "push"
-    """push (pushes at the floating body, the robot's root), paper (everything that the paper tests), robustness
-    (beyond the paper), ring (for any robot and anybody's policy), or a scenario file (surefoot docs scenarios)."""
+    """push (pushes at the floating body, the robot's root), paper (all tests of the paper), robustness (tests beyond
+    the paper), ring (for any robot and any policy), or a scenario file (surefoot docs scenarios)."""
     directions: int | None = None
-    """Number of directions of the pushes at the root, evenly spaced: 4 without it. In the suite ring, of all pushes: 16
-    without it."""
+    """Number of directions of the pushes at the root, evenly spaced; the default is 4. In the suite ring it is
+    the number for all pushes; the default is 16."""
     robot: str = ""
-    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, surefoot docs robot);
-    the shipped policies' robot without it."""
+    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, surefoot docs robot).
+    The default is the shipped policies' robot."""
     engine: str = "mujoco"
-    """The physics engine: mujoco, or pybullet (the extra of that name), which no policy has learned in."""
+    """The physics engine: mujoco, or pybullet (needs the extra pybullet; no policy was trained in it)."""
     results: Path = Path("results.sqlite")
-    """Results table (SQLite); trials that are in it already are not run again."""
+    """Results table (SQLite); trials already in it are not run again."""
     json: str | None = None
-    """Write the figures as one flat JSON object to this file; - for standard output."""
+    """Write the figures as one flat JSON object to this file; - means standard output."""
     export: Path | None = None
     """Write all trials of the results table to this .csv or .parquet file."""
     export_thresholds: Path | None = None

@@ -1,4 +1,4 @@
-"""surefoot export: a policy for another runtime or another library, and an actor of another library as a policy."""
+"""surefoot export: write a policy for another runtime or library, and import actors of other libraries."""
 
 from __future__ import annotations
 
@@ -22,28 +22,29 @@ _CHECKPOINTS = (".zip", ".pt", ".pth")
 
 @dataclass(frozen=True)
 class Export:
-    """Give a policy to another runtime (surefoot docs policy-file), to a library and back (surefoot docs exchange)."""
+    """Write a policy for a runtime (surefoot docs policy-file) or a library, or import one (surefoot docs exchange)."""
 
     policy: Annotated[str, tyro.conf.Positional]
     """A shipped policy's name, a policy file (.onnx), a run folder, or a checkpoint of stable-baselines3 (.zip), rsl_rl
     or skrl (.pt, .pth)."""
     onnx: Path | None = None
-    """Write the policy file with all its terms to this .onnx file; files of before there were terms lack them."""
+    """Write the policy file with its full contract to this .onnx file; older policy files lack parts of it."""
     weights: Path | None = None
-    """Write the network to this .pt file as the actor of another library, whose checkpoints are laid out as --layout
-    says."""
+    """Write the network to this .pt file as the actor of another library, in the format given by
+    --layout."""
     layout: str = "rsl_rl"
-    """Of --weights: rsl_rl, rsl_rl-3 (until version 3), skrl, skrl-shared, sb3 (PPO, A2C, TRPO), sb3-td3 or sb3-sac."""
+    """Format of --weights: rsl_rl, rsl_rl-3 (until version 3), skrl, skrl-shared, sb3 (PPO, A2C, TRPO), sb3-td3 or
+    sb3-sac."""
     activation: str = ""
-    """Between the layers of a checkpoint's actor: tanh, relu or elu; the library's usual one without it."""
+    """Activation between the layers of a checkpoint's actor: tanh, relu or elu. The default is the library's own."""
     robot: str = ""
-    """Whom a checkpoint's actor moves: a shipped robot's name, or a description (.toml); Valkyrie without it."""
+    """Robot of a checkpoint's actor: a shipped robot's name, or a description (.toml). The default is Valkyrie."""
     pose: str = ""
-    """What a checkpoint's action of zero means: a pose of the robot; that of the gymnasium environment without it."""
+    """Pose of the robot that an action of zero means in a checkpoint. The default is the gymnasium environment's."""
     action_scale: float = 0.0
-    """Joint angle per unit of a checkpoint's action [rad]; that of the gymnasium environment without it."""
+    """Joint angle per unit of a checkpoint's action [rad]. The default is the gymnasium environment's."""
     vectors: Path | None = None
-    """Write golden vectors to this .csv file: every number on the way of a run of two seconds."""
+    """Write golden vectors to this .csv file: every intermediate number of a run of two seconds."""
 
     def main(self) -> None:
         """Write what is asked for."""

@@ -1,4 +1,4 @@
-"""Interrupt: what Ctrl-C does while modules load, and where nothing would be lost."""
+"""Interrupt: the handling of Ctrl-C while modules load, and where a process may end at once."""
 
 from __future__ import annotations
 

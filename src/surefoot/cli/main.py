@@ -18,7 +18,7 @@ _EXTRAS = {"play": "viewer", "report": "report", "table": "report", "pictures": 
 def main() -> None:
     """Run the command that the command line names.
 
-    An error that a user can mend is one line and exit code 2; Ctrl-C is exit code 130.
+    An error that a user can correct gives one line and exit code 2. Ctrl-C gives exit code 130.
     """
     interrupt.listen()
     try:

@@ -1,6 +1,6 @@
-"""Old words: options of the last version, which go on working for one more.
+"""Old words: options of the last version, which still work in this one.
 
-Old values are understood where they are read: a suite by `chosen_scenarios`, a preset by the training command.
+Old values are translated where they are read: a suite by `chosen_scenarios`, a preset by the training command.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Options: the one place that checks what stands on a command line before a command acts on it.
+"""Options: the checks of a command line's values before a command runs.
 
-Every number has a range, whose upper end keeps what it causes (robots, trials, pictures, files, time) within what a
-computer can do. Every path can be one of this system. What needs more than the value itself to be checked, such as a
-body's name, is checked where it is looked up.
+Every number has a range. Its upper end keeps the resulting work (robots, trials, pictures, files, time) within a
+computer's means. Every path must be valid on this system. A value that cannot be checked by itself, such as a body's
+name, is checked where it is looked up.
 """
 
 from __future__ import annotations

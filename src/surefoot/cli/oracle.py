@@ -1,4 +1,4 @@
-"""surefoot oracle: how hard a push is possible to reject, for a robot that knows it."""
+"""surefoot oracle: find the hardest push that a robot can reject if it knows the push in advance."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ COLUMNS = ("agent", "scenario", "direction", "angle_deg", "size", "unit", "succe
 
 @dataclass(frozen=True)
 class Oracle(Work):
-    """Find how hard a push is possible to reject for a robot that knows it, by trajectory optimisation.
+    """Find the hardest push that a robot can reject if it knows the push, by trajectory optimisation.
 
-    Offsets to an agent's joint targets are searched in a batch of robots, with all limits in force. What is found is
-    possible; what is not found may still be.
+    The search varies offsets to an agent's joint targets in a batch of robots, with all limits in force. A push that is
+    rejected here is possible to reject. One that is not may still be possible.
     """
 
     agent: Annotated[str, tyro.conf.Positional] = "nominal"
-    """Whose joint targets are moved: the nominal pose, or a policy as for `surefoot evaluate`."""
+    """Agent whose joint targets are varied: the nominal pose, or a policy as for `surefoot evaluate`."""
     directions: int = 16
     """Number of directions, evenly spaced."""
     body: str = "root"
     """The body that is pushed."""
     lever: float | None = None
-    """Height of the push above the robot's CoM in its nominal pose [m]; at the CoM of the body without it."""
+    """Height of the push above the robot's CoM in its nominal pose [m]. The default is the CoM of the body."""
     steps: bool = False
-    """Allow steps; without it, no foot may leave its place."""
+    """Allow steps. Without it, no foot may leave its place."""
     robot: str = ""
-    """The robot of "nominal"; the shipped policies' robot without it."""
+    """The robot of "nominal". The default is the shipped policies' robot."""
     export: Path | None = None
-    """Write what is found to this .csv file, one direction at a time; what it holds already is not searched again."""
+    """Write the results to this .csv file, one direction at a time; directions already in it are not searched again."""
     beside: Path | None = None
-    """A .csv file of `surefoot evaluate --export-thresholds`, whose thresholds the picture shows, too."""
+    """A .csv file of `surefoot evaluate --export-thresholds`, whose thresholds the picture also shows."""
     picture: Path | None = None
-    """Draw what is found by direction (.png, .svg or .pdf)."""
+    """Draw the results by direction (.png, .svg or .pdf)."""
 
     def main(self) -> None:
         """Search, print, write and draw."""

@@ -35,28 +35,28 @@ def has_screen() -> bool:
 
 @dataclass(frozen=True)
 class Play:
-    """Push the robot by hand, in a browser: opens a page on this machine and prints its address."""
+    """Push the robot by hand in a browser: open a page on this machine and print its address."""
 
     policy: Annotated[str, tyro.conf.Positional] = ""
-    """A shipped policy's name ("best" without it), a policy file (.onnx), a run folder, whose newest checkpoint is
-    followed while it learns, a controller (controllers/NAME or FILE.py:CLASS), "nominal" (that is what --robot alone
-    shows), or a stored trial of `surefoot evaluate`, RESULTS.sqlite:ID, which is played first."""
+    """A shipped policy's name (the default is "best"), a policy file (.onnx), a run folder (the page follows its newest
+    checkpoint while it learns), a controller (controllers/NAME or FILE.py:CLASS), "nominal" (the default with --robot),
+    or a stored trial of `surefoot evaluate`, RESULTS.sqlite:ID, which is played first."""
     robot: str = ""
-    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml); the shipped
-    policies' robot without it."""
+    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml). The
+    default is the shipped policies' robot."""
     trial_policy: str | None = None
-    """Who is seen in a stored trial, if neither shipped nor in runs/: a policy file, a run folder, a controller."""
+    """Agent of a stored trial, if it is neither shipped nor in runs/: a policy file, a run folder or a controller."""
     robots: int = 1
-    """1 to 64 robots under the same push."""
+    """Number of robots under the same push, 1 to 64."""
     port: int = 8080
-    """Where the page is."""
+    """Port of the page."""
     host: tuple[str, ...] = ("127.0.0.1",)
-    """Where the page listens: only on this machine unless told otherwise (0.0.0.0: for all who reach it and have the
-    printed address). What follows are further names by which browsers reach this machine."""
+    """Address on which the page listens. The default is this machine only; 0.0.0.0 admits everybody who can reach the
+    machine and has the printed address. Further words are more names by which browsers reach this machine."""
     runs: tuple[Path, ...] = (Path("runs"),)
-    """Folders whose runs and policy files are offered; the page plays no others."""
+    """Folders whose runs and policy files the page offers; it plays no others."""
     open: bool = True
-    """Open the page in this machine's browser, where there is one and a screen."""
+    """Open the page in this machine's browser, if the machine has a browser and a screen."""
 
     def main(self) -> None:
         """Serve the page until Ctrl-C."""

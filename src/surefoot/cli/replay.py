@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 class Replay:
     """Re-run a stored trial of a results table and check that it is bit-identical.
 
-    Exit code 1 if anything differs. The same bits are promised on the same kind of machine: another processor may
-    round otherwise.
+    The exit code is 1 if anything differs. The same bits are promised on the same kind of machine only: another
+    processor may round differently.
     """
 
     results: Annotated[Path, tyro.conf.Positional]
     """Results table (SQLite) of `surefoot evaluate`."""
     row: Annotated[int, tyro.conf.Positional]
-    """Column `id` of its table `trials`; `surefoot evaluate --export` writes it out."""
+    """Number of the trial: column `id` of the table `trials`, which `surefoot evaluate --export` writes out."""
     policy: str | None = None
-    """A shipped policy, a policy file, a run folder or a controller; without it, the policy is looked for by its digest
-    among the shipped ones and in runs/, a controller by its name."""
+    """A shipped policy, a policy file, a run folder or a controller. By default a policy is searched for by its digest
+    among the shipped ones and in runs/, and a controller by its name."""
     video: Path | None = None
-    """Film of the trial, .mp4 or .gif."""
+    """Write a film of the trial to this .mp4 or .gif file."""
     picture: Path | None = None
-    """Film strip of the trial, .png or .jpg."""
+    """Draw a film strip of the trial to this .png or .jpg file."""
 
     def main(self) -> None:
         """Run the trial again, and exit with code 1 if anything differs."""

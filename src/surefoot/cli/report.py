@@ -1,4 +1,4 @@
-"""surefoot report, table and pictures: show what is in results tables."""
+"""surefoot report, table and pictures: show the contents of results tables."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ from surefoot.errors import UserError
 
 @dataclass(frozen=True)
 class Report:
-    """Make one HTML page of results tables, with every table and figure of the paper.
+    """Make one HTML page from results tables, with every table and figure of the paper.
 
-    It reads results. Only the few single trials that it draws (motion, footprints, film strips: six a policy) are run
-    again; that needs the policies, and OpenGL for the film strips. What is missing is left out with a note.
+    The command reads results. It runs again only the single trials that it draws (motion, footprints and film strips,
+    six for each policy). This needs the policies, and OpenGL for the film strips. Missing parts are left out with a
+    note.
     """
 
     results: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Results tables (SQLite) of `surefoot evaluate`; all their policies are set side by side."""
+    """Results tables (SQLite) of `surefoot evaluate`; the page compares all their policies."""
     out: Path = Path("report.html")
-    """The page."""
+    """File of the page."""
     markdown: Path | None = None
-    """Write the tables to this file too, as Markdown."""
+    """Also write the tables to this file as Markdown."""
     curves: Path | None = None
     """Folder with learning curves: run folders, or ALGORITHM-SEED.csv as in results/curves."""
     policies: tuple[str, ...] = ()
     """Policy files and run folders that are neither shipped nor in runs/."""
     trials: bool = True
-    """Run the trials again that are drawn."""
+    """Run the drawn trials again."""
 
     def main(self) -> None:
         """Write the page."""
@@ -64,9 +65,9 @@ class Table:
     """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
     show: Literal["main", "summary", "worst", "seeds"] = "main"
     """main: Table I beside the paper's. summary: one row for each policy. worst: the worst direction of every scenario.
-    seeds: median and range over the policies that one algorithm learned, which are named ALGORITHM-SEED."""
+    seeds: median and range over the policies of one algorithm, which are named ALGORITHM-SEED."""
     markdown: bool = False
-    """As Markdown instead of a drawn table."""
+    """Print Markdown instead of a drawn table."""
 
     def main(self) -> None:
         """Print the table."""
@@ -92,7 +93,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Pictures:
-    """Draw the pictures of results: bars beside the paper, polar map, strategies, learning curves, film strip."""
+    """Draw the pictures of results: bars beside the paper's, polar map, strategies, learning curves, film strip."""
 
     thresholds: Path = Path("results/thresholds.csv")
     """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
@@ -103,7 +104,7 @@ class Pictures:
     out: Path = Path("docs/pictures")
     """Folder for the pictures."""
     strategies: Path = Path("results/strategies.csv")
-    """A .csv file that `surefoot strategies` wrote; drawn if it exists: one picture of the policies of a robot, one of
+    """A .csv file that `surefoot strategies` wrote. If it exists, two pictures are drawn: the policies of a robot, and
     robots and engines side by side."""
 
     def main(self) -> None:

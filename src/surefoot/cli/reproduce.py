@@ -1,4 +1,4 @@
-"""surefoot reproduce: the paper's whole study."""
+"""surefoot reproduce: run the paper's whole study."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reproduce(Work):
-    """The paper's whole study: train three algorithms over seeds, evaluate each on the paper's tests, make the page.
+    """Run the paper's whole study: train three algorithms over seeds, evaluate them on its tests, make the page.
 
-    Every stage that is done is skipped, so that the same command goes on after an interruption. Seven seeds as in the
+    Finished stages are skipped, so the same command continues after an interruption. Seven seeds as in the
     paper are 21 trainings of 15 to 20 minutes and as many evaluations: seven to eight hours on two free cores.
     """
 
     fast: bool = False
-    """Three seeds instead of seven."""
+    """Use three seeds instead of seven."""
     minutes: float | None = None
     """Minutes of each training (default: the preset's)."""
     preset: str = "fast"
-    """Of the trainings, as for `surefoot train`."""
+    """Preset of the trainings, as for `surefoot train`."""
     suite: str = "paper"
-    """Of the evaluations, as for `surefoot evaluate`."""
+    """Suite of the evaluations, as for `surefoot evaluate`."""
     out: Path = Path("runs/reproduce")
     """Folder for run folders, results table and page."""
 

@@ -1,4 +1,4 @@
-"""surefoot robot check: say what was understood of a robot, and what of it is wrong or suspicious."""
+"""surefoot robot check: print a robot's description as read, and name faults and suspicious values."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ _WIDTH = 150
 
 @dataclass(frozen=True)
 class CheckRobot:
-    """Check a robot: print what was understood of its description, and name what is wrong or suspicious.
+    """Check a robot: print its description as read, and name faults and suspicious values.
 
-    It lets the robot stand for 10 s. The exit code is 1 if something is wrong.
+    The command also lets the robot stand for 10 s. The exit code is 1 if there is a fault.
     """
 
     task: Annotated[Literal["check"], tyro.conf.Positional]
-    """What to do."""
+    """The task: check."""
     robot: Annotated[str, tyro.conf.Positional]
     """A shipped robot's name, or a description (.toml, surefoot docs your-robot)."""
     pose: str = ""
-    """Name of the pose; the robot's default one without it."""
+    """Name of the pose. The default is the robot's default pose."""
     picture: Path | None = None
     """Draw the robot as it stands, from the side and from the front, to this .png or .jpg file."""
 

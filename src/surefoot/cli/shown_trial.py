@@ -1,4 +1,4 @@
-"""The trial that a film or a picture shows: a push, or one of a scenario, by the words of a command line."""
+"""Shown trial: the trial that a film or a picture shows, built from a command's options."""
 
 from __future__ import annotations
 

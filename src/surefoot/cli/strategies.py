@@ -1,4 +1,4 @@
-"""surefoot strategies: how a policy keeps its balance against pushes from all around."""
+"""surefoot strategies: find how a policy keeps its balance against pushes from all directions."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from surefoot.errors import UserError
 
 @dataclass(frozen=True)
 class Strategies:
-    """Push a robot from all around, and tell how it keeps its balance: by ankle, hip, foot tilt or steps, or not.
+    """Push a robot from all directions and find how it keeps its balance: by ankle, hip, foot tilt or steps, or not.
 
-    The impulses are six steps of the robot's grid apart (36 Ns for Valkyrie). `surefoot pictures` draws the table: the
-    policies, robots and engines side by side.
+    The impulses are six steps of the robot's grid apart (36 Ns for Valkyrie). `surefoot pictures` draws the table, with
+    the policies, robots and engines side by side.
     """
 
     policy: Annotated[str, tyro.conf.Positional] = "best"
     """A shipped policy's name, a policy file (.onnx), a run folder, "nominal", or a controller (controllers/NAME or
     FILE.py:CLASS)."""
     robot: str = ""
-    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml); the shipped
-    policies' robot without it."""
+    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml). The
+    default is the shipped policies' robot."""
     engine: str = "mujoco"
-    """The physics engine: mujoco, or pybullet (the extra of that name)."""
+    """The physics engine: mujoco, or pybullet (needs the extra pybullet)."""
     directions: int = 16
-    """How many, evenly spaced from forward on; a multiple of 4."""
+    """Number of directions, evenly spaced from forward on; a multiple of 4."""
     largest: float = 0.0
-    """The largest impulse [Ns]; 84 steps of the robot's grid without it (504 Ns for Valkyrie)."""
+    """The largest impulse [Ns]. The default is 84 steps of the robot's grid (504 Ns for Valkyrie)."""
     trials: int = 4
-    """Of each direction and impulse; one that fewer than nine in ten survive counts as a fall."""
+    """Number of trials for each direction and impulse; if fewer than nine in ten recover, it counts as a fall."""
     out: Path = Path("strategies.csv")
-    """The table; what it holds of other policies and engines stays."""
+    """File of the table; its rows of other policies and engines are kept."""
 
     def main(self) -> None:
         """Run the trials and write the table."""

@@ -1,8 +1,8 @@
-"""Reproduce: the paper's whole study. Three algorithms, several seeds; each is trained, evaluated, and reported.
+"""Study: the training, evaluation and report of the paper's three algorithms over several seeds.
 
-Every stage leaves its result in the folder and is skipped when that is there: a training its run folder and a mark, an
-evaluation its rows in the results table. A training that was interrupted goes on from its checkpoint, an evaluation
-after its last trial.
+Every stage leaves its result in the folder and is skipped if the result is there. A training leaves its run folder and
+a mark, and an evaluation its rows in the results table. An interrupted training continues from its checkpoint, and an
+interrupted evaluation after its last trial.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What all commands share: where they print, the bars that show progress, and checks of their options."""
+"""Terminal: the output of all commands, their progress bars, and shared checks of their options."""
 
 from __future__ import annotations
 

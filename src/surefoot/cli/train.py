@@ -1,4 +1,4 @@
-"""surefoot train, select and ablate: learn policies, choose among them, and tell what each part of learning gives."""
+"""surefoot train, select and ablate: learn policies, choose among them, and measure each part of the learning."""
 
 from __future__ import annotations
 
@@ -27,43 +27,43 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Train(Work):
-    """Learn a policy. Ctrl-C stops a run; --resume takes it up again."""
+    """Learn a policy. Ctrl-C stops a run; --resume continues it."""
 
     algorithm: str = "ddpg"
-    """trpo, ppo or ddpg; the stages of the preset `best` have their own."""
+    """trpo, ppo or ddpg; the stages of the preset `best` set it themselves."""
     preset: str = "fast"
-    """fast (minutes on a laptop), complete (hours: curriculum stages one after the other, up to the shipped policies),
+    """fast (minutes on a laptop), complete (hours: the curriculum stages that lead to the shipped policies),
     best (hours: a specialist that does not step, then a student of several policies), paper (the paper's
     hyperparameters, pose and pushes), or a TOML file of your own."""
     robot: str = ""
-    """The robot that learns: a shipped robot's name, or a description (.toml, surefoot docs your-robot); the preset's
-    without it. The preset's pushes, heights, times and penalties are scaled by its mass and the length of its legs."""
+    """The robot that learns: a shipped robot's name, or a description (.toml, surefoot docs your-robot). The default
+    is the preset's. The preset's pushes, heights, times and penalties are scaled by its mass and leg length."""
     stage: str | None = None
-    """Learn this stage of the preset `complete` or `best` alone, after the stage before it or --warm-start, with which
-    it is the last one by default; a wrong name is answered with the valid ones."""
+    """Learn only this stage of the preset `complete` or `best`, after the stage before it or after --warm-start. With
+    --warm-start the default is the last stage. A wrong name is answered with the valid ones."""
     run: Path | None = None
-    """Folder of the run; runs/PRESET-ALGORITHM-SEED (runs/best-SEED) without it."""
+    """Folder of the run. The default is runs/PRESET-ALGORITHM-SEED (runs/best-SEED)."""
     minutes: float | None = None
-    """Minutes to train, of each stage if there are several (default: the preset's). With --resume: the total, earlier
-    sessions included. The speed is measured first, and the minutes become policy steps."""
+    """Minutes to train, for each stage if there are several. The default is the preset's. With --resume it is the
+    total, including earlier sessions. The speed is measured first, and the minutes are converted into policy steps."""
     steps: int | None = None
-    """Budget in policy steps in place of the minutes, of each stage if there are several; the same steps and the same
-    seed give the same policy on the same kind of machine."""
+    """Budget in policy steps instead of minutes, for each stage if there are several. The same steps and the same seed
+    give the same policy on the same kind of machine."""
     seed: int = 0
-    """Seed of every random number that is drawn."""
+    """Seed of all random numbers."""
     resume: Path | None = None
-    """Go on with the run in this folder instead of starting one."""
+    """Continue the run in this folder instead of starting a new one."""
     warm_start: Path | None = None
-    """Begin with the networks that the run in this folder ended with, or fine-tune a policy (a shipped one's name or a
-    file): its critic is learned first."""
+    """Begin with the final networks of the run in this folder, or fine-tune a policy (a shipped one's name or a file).
+    Fine-tuning learns a critic first."""
     logger: Literal["tensorboard", "wandb"] = "tensorboard"
     """tensorboard writes event files into the run folder. wandb sends the same to Weights & Biases, or keeps it in the
-    run folder if the environment says WANDB_MODE=offline."""
+    run folder if the environment variable WANDB_MODE is "offline"."""
     film_minutes: float | None = None
-    """Minutes from one film of the newest policy to the next, in the log; no films without it. Needs OpenGL."""
+    """Interval between films of the newest policy in the log, in minutes. The default is no films. Needs OpenGL."""
     list_settings: bool = False
     """List every setting of the preset (task, pushes, reward, networks, algorithm) with its value instead of learning.
-    Each may be set behind the other options, such as --env.disturbance.impulse 40 200 --hyper.gamma 0.98."""
+    Each can be set after the other options, as in --env.disturbance.impulse 40 200 --hyper.gamma 0.98."""
     settings: Annotated[tuple[str, ...], tyro.conf.Suppress] = ()
 
     def main(self) -> None:
@@ -219,17 +219,18 @@ def _resumable(folder: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Select(Work):
-    """Choose the best of several runs' policies by held-out trials that no training has seen."""
+    """Choose the best policy of several runs by held-out trials that no training has seen."""
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
-    """Run folders, whose best and last policies compete (those of all its stages, if a run has some), and policy
-    files."""
+    """Run folders and policy files. The best and the last policy of each run compete, and those of all stages if a run
+    has stages."""
     out: Path | None = None
-    """Write the best one to this file, with what was found in its training record."""
+    """Write the best policy to this file, with the results in its training record."""
     rounds: int = 4
-    """Sets of trials for each: 128 of pushes at the root, 318 of everything up to our targets."""
+    """Number of sets of trials for each policy. A set has 128 trials of pushes at the root and 318 trials of all
+    scenarios, up to our targets."""
     mean_minutes: float | None = None
-    """Let means compete too, of the weights of all policies that a run kept within this many minutes."""
+    """Also let means of weights compete: over all policies that a run kept within this many minutes."""
 
     def main(self) -> None:
         """Validate all policies and choose one."""
@@ -263,18 +264,18 @@ class Select(Work):
 
 @dataclass(frozen=True)
 class Ablate(Work):
-    """What each part of the preset `fast` gives DDPG: learn without one of them at a time, and compare.
+    """Measure each part of the preset `fast` for DDPG: learn without one part at a time, and compare.
 
-    A run that is done is skipped, so that the same command goes on after an interruption. Each takes about two minutes
+    Finished runs are skipped, so the same command continues after an interruption. Each takes about two minutes
     on two free cores.
     """
 
     without: tuple[str, ...] = ()
-    """What to leave out; everything, one at a time, without it. A wrong name is answered with the valid ones."""
+    """Parts to leave out. The default is every part, one at a time. A wrong name is answered with the valid ones."""
     steps: int = 250_000
-    """Policy steps of each run, the first of the preset's schedule."""
+    """Number of policy steps of each run, from the beginning of the preset's schedule."""
     seed: int = 0
-    """Seed of every random number that is drawn."""
+    """Seed of all random numbers."""
     out: Path = Path("runs/ablations")
     """Folder of the run folders."""
     export: Path | None = None

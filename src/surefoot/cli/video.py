@@ -22,27 +22,27 @@ USUAL_IMPULSE = 20
 
 @dataclass(frozen=True)
 class _Shown:
-    """Whose trial is shown, and which."""
+    """The trial that is shown, and its policy."""
 
     policy: Annotated[str, tyro.conf.Positional] = "best"
     """A shipped policy's name, a policy file (.onnx), a run folder, "nominal", or a controller."""
     robot: str = ""
-    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml); the shipped
-    policies' robot without it."""
+    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml). The
+    default is the shipped policies' robot."""
     out: Path = Path("push")
     """The file."""
     body: str = "root"
-    """What is pushed: the floating body, or another one of the robot's pushable bodies; a wrong name is answered with
-    the valid ones."""
+    """Body that is pushed: the floating body, or another pushable body of the robot. A wrong name is answered with the
+    valid ones."""
     direction: str = "forward"
     """forward, left, backward, right, or degrees from forward to the left."""
     scenario: str = ""
     """A scenario of `surefoot evaluate` instead of a push: its name, or FILE.toml:NAME. With a direction, a size and a
-    seed it is the very trial of the results table."""
+    seed it is exactly the trial of the results table."""
     duration: float = 0.12
-    """How long it pushes [s]."""
+    """Duration of the push [s]."""
     seed: int = 0
-    """Of the start angles."""
+    """Seed of the start angles."""
 
     def agent(self) -> Agent:
         """Who is shown."""
@@ -68,14 +68,14 @@ class Video(_Shown):
     out: Path = Path("push.mp4")
     """The film: .mp4 or .gif."""
     impulse: float | None = None
-    """Force x duration [Ns]; 20 steps of the robot's grid of impulses without it; with --scenario the size of what it
-    searches: Ns, m or degrees."""
+    """Force x duration [Ns]. The default is 20 steps of the robot's grid of impulses. With --scenario it is the size of
+    the searched quantity, in Ns, m or degrees."""
     begin: float = -0.5
-    """Where the film begins, in seconds from the push."""
+    """Beginning of the film, in seconds from the push."""
     end: float = 6.0
-    """Where it ends."""
+    """End of the film, in seconds from the push."""
     speed: float = 1.0
-    """0.25 for a quarter of the speed of life."""
+    """Speed of the film: 0.25 is a quarter of real time."""
     fps: float = 25.0
     """Frames per second."""
     size: tuple[int, int] = (960, 720)
@@ -98,15 +98,15 @@ class Video(_Shown):
 
 @dataclass(frozen=True)
 class Picture(_Shown):
-    """Draw pushes of one robot as a film strip, a row for each impulse and a column for each time; without a screen."""
+    """Draw pushes of one robot as a film strip without a screen: a row for each impulse, a column for each time."""
 
     out: Path = Path("push.png")
     """The picture: .png or .jpg."""
     impulse: tuple[float, ...] = ()
-    """Force x duration [Ns], one or more; 20 steps of the robot's grid of impulses without it; with --scenario sizes of
-    what it searches: Ns, m or degrees."""
+    """Force x duration [Ns], one or more. The default is 20 steps of the robot's grid of impulses. With --scenario
+    these are sizes of the searched quantity, in Ns, m or degrees."""
     times: tuple[float, ...] = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
-    """Seconds from the push; a single time of a single impulse gives a picture without a margin."""
+    """Seconds from the push. A single time with a single impulse gives a picture without a margin."""
     size: tuple[int, int] = (260, 320)
     """Width and height of each picture in pixels."""
 

@@ -1,4 +1,4 @@
-"""Work: the options of all commands whose tasks others can do."""
+"""Work: the options of all commands that can distribute their tasks."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Work:
-    """Who does a command's tasks."""
+    """Options for the workers that do a command's tasks."""
 
     executor: str = "local"
-    """Who does the work: local (this process), processes (of this machine), ray or dask (a cluster), or slurm (jobs)
-    (surefoot docs scaling)."""
+    """Executor of the work: local (this process), processes (on this machine), ray or dask (a cluster), or slurm
+    (jobs); see surefoot docs scaling."""
     address: str = ""
-    """HOST:PORT of the Ray or Dask cluster; without it, one is begun on this machine. For slurm, "local" runs the jobs
-    on this machine."""
+    """HOST:PORT of the Ray or Dask cluster; without it, a cluster is started on this machine. For slurm, "local"
+    runs the jobs on this machine."""
     workers: int | None = None
-    """Tasks that are done at the same time; one per core of the machine, or all that the cluster takes, without it."""
+    """Number of tasks at the same time. The default is one per core of the machine, or as many as the cluster takes."""
 
     def opened(self) -> Executor:
         """The executor, to be used as a context manager.
