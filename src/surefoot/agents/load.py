@@ -80,7 +80,7 @@ def load_policy(name: str | Path) -> NetworkAgent:
             (.onnx), or of a run folder.
 
     Returns:
-        The policy: `contract` says what it observes and answers, `robot` whom it moves, and `actions(observations)`
+        The policy: `contract` says what it observes and answers, `robot` the robot that it moves, and `actions(observations)`
         runs its network.
 
     Raises:

@@ -1,4 +1,4 @@
-"""TrainConfig: all that a training run is told, and its JSON in a run folder."""
+"""TrainConfig: the configuration of a training run, and its JSON in a run folder."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from surefoot.task.random_pushes import DisturbanceConfig
 from surefoot.task.reward import Term
 
 HALF_LIFE_GAMMA = 0.95
-"""Section III-B of the paper: a reward counts half after 0.5 s, the time in which a balance is lost or won. At 25 Hz
-that is 13 policy steps, and gamma^13 = 0.5 gives gamma = 0.948, rounded to 0.95."""
+"""Section III-B of the paper: the weight of a reward halves in 0.5 s, the time in which a balance is lost or won. At
+25 Hz that is 13 policy steps, and gamma^13 = 0.5 gives gamma = 0.948, rounded to 0.95."""
 
 PAPER_LAYERS = (100, 50, 25)
 """Hidden layers of the paper's actor and critic."""
@@ -43,10 +43,10 @@ OLD_DISTURBANCE_KEYS = {"curriculum": "survival_target"}
 
 @dataclass(frozen=True)
 class TakeoverConfig:
-    """A policy that drives the robots while they are beyond a border, see `TakeoverVectorEnv`; none by default.
+    """A policy that drives the robots while they are beyond a border (see `TakeoverVectorEnv`). The default is none.
 
     Attributes:
-        policy: a shipped one's name or a file.
+        policy: name of a shipped policy, or a file.
         beyond, capture_point: the border, see `Teacher`.
     """
 
@@ -60,34 +60,34 @@ class TrainConfig:
     """One training run.
 
     Attributes:
-        algorithm: "trpo", "ppo" or "ddpg"; "dagger" for a student of other policies.
+        algorithm: "trpo", "ppo" or "ddpg"; or "dagger" for a student that learns from other policies.
         env: the task.
-        preset: name of the preset that this began as.
-        seed: of everything random.
-        minutes: budget as time, validation included; it becomes policy steps at the start of the run, see `Budget`.
-        schedule_minutes: all that changes in the course of a run takes at least this time, so that a shorter run is the
-            beginning of a longer one.
-        steps: budget in policy steps; with it nothing is measured, and the minutes only tell how much of
-            `schedule_minutes` the run is.
-        num_envs: robots in the batch.
+        preset: name of the preset from which this configuration was made.
+        seed: seed of all random numbers.
+        minutes: time budget, including validation. It is converted into policy steps at the start of the run, see
+            `Budget`.
+        schedule_minutes: least duration of all schedules. A shorter run is the beginning of a longer one.
+        steps: budget in policy steps. With it, the speed is not measured, and `minutes` only sets the share of
+            `schedule_minutes` that the run covers.
+        num_envs: number of robots in the batch.
         actor: sizes of the policy's hidden layers.
         critic: sizes of the critic's hidden layers.
-        past_observations: how many observations of the last policy steps the actor is given, see `Memory`.
-        past_actions: how many of its last actions the actor is given.
+        past_observations: number of past observations, one per policy step, that the actor is given, see `Memory`.
+        past_actions: number of its own past actions that the actor is given.
         hyper: keyword arguments of the algorithm in stable-baselines3, or those of `DistillConfig`.
-        final_learning_rate: share of the learning rate left at the end; it falls linearly.
+        final_learning_rate: share of the learning rate that is left at the end. The rate falls linearly.
         log_std: initial logarithm of the Gaussian policy's standard deviation (TRPO, PPO).
-        noise: standard deviation of the exploration of the robot that explores least and of the one that explores
-            most (DDPG).
-        noise_correlation: of the exploration from one policy step to the next (DDPG).
-        final_noise: share of the exploration left at the end; it falls linearly (TRPO, PPO: the largest deviation).
-        average_steps: policy steps over which the actor's weights are averaged to give the policy that is validated
-            and kept; 0 for the newest weights. Learning goes on from the newest ones.
-        mirror: make use of the robot's symmetry: symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
-        privileged_critic: the critic alone is given the privileged observation, see `surefoot.task.privileged`.
-        begin_with: a policy (a shipped one's name or a file) or a run folder that a run begins with, unless it is told
-            another one.
-        takeover: who drives robots that the learning policy is not to drive (TRPO, PPO).
+        noise: standard deviation of the exploration noise, smallest and largest over the robots (DDPG).
+        noise_correlation: correlation of the exploration noise from one policy step to the next (DDPG).
+        final_noise: share of the exploration that is left at the end. It falls linearly. For TRPO and PPO it is the
+            largest deviation.
+        average_steps: number of policy steps over which the actor's weights are averaged. The averaged policy is
+            validated and kept, while learning continues with the newest weights. 0 means the newest weights.
+        mirror: use the robot's symmetry, by symmetric networks (TRPO, PPO) or mirrored replays (DDPG).
+        privileged_critic: give the privileged observation to the critic, but not to the actor; see
+            `surefoot.task.privileged`.
+        begin_with: the policy (a shipped one's name or a file) or run folder with which a run begins by default.
+        takeover: the policy that drives robots beyond a border in place of the learning policy (TRPO, PPO).
     """
 
     algorithm: str

@@ -43,7 +43,7 @@ SHOWN_S = 2.0
 RECOVERING_S = 1.5
 """Labels within this time of a push's beginning count more [s]."""
 FOLLOWED_UNTIL = 0.1
-"""Share of the run in which some robots do as their teacher says."""
+"""Share of the run in which some robots follow their teacher."""
 
 
 @dataclass(frozen=True)
@@ -51,16 +51,16 @@ class DistillConfig:
     """How a student learns: the table `hyper` of a preset for "dagger".
 
     Attributes:
-        teachers: for each its `policy` (a stage of the same run, or a shipped policy), and what it is for, see
-            `read_teacher`.
-        learning_rate: of Adam, at first.
-        batch_size: labels in a gradient step.
-        gradient_steps: for each policy step of all robots.
-        buffer_size: the newest labels that are kept.
-        follow_share: share of the robots that do as their teacher says at first; it falls to none.
+        teachers: for each teacher its `policy` (a stage of the same run, or a shipped policy) and the cases that it
+            labels, see `read_teacher`.
+        learning_rate: initial learning rate of Adam.
+        batch_size: number of labels in a gradient step.
+        gradient_steps: number of gradient steps for each policy step of all robots.
+        buffer_size: number of the newest labels that are kept.
+        follow_share: share of the robots that follow their teacher at first. It falls to zero.
         either: see `Teachers.labels`.
-        recovering_weight: of labels within `RECOVERING_S` of a push; the others have 1.
-        mixture: the student has its two teachers inside, see `MixtureNetwork`.
+        recovering_weight: weight of labels within `RECOVERING_S` of a push. Other labels have 1.
+        mixture: build the student from its two teachers, see `MixtureNetwork`.
     """
 
     teachers: tuple[Mapping[str, Any], ...]

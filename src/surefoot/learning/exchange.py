@@ -114,7 +114,7 @@ def policy_from(
     Args:
         source: a checkpoint of stable-baselines3 (.zip), rsl_rl or skrl (.pt); what `torch.load` gives of one; or a
             model of stable-baselines3.
-        robot: whom it moves, if there is no config; Valkyrie without it.
+        robot: the robot that it moves, if there is no config. The default is Valkyrie.
         config: the task that it learned, for its robot, pose and action scale; without it, that of
             `gymnasium.make("surefoot/PushRecovery-v0")`.
         activation: between its layers; the library's usual one without it, of a model its own.

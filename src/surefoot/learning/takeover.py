@@ -34,7 +34,7 @@ class TakeoverVectorEnv(PushRecoveryVectorEnv):
         UserError: the policy cannot be loaded, has a memory, or is for another robot.
 
     Attributes:
-        taken: whom the given policy drove in the last policy step (N,).
+        taken: whether the given policy drove a robot in the last policy step (N,).
     """
 
     def __init__(self, num_envs: int, config: EnvConfig, takeover: TakeoverConfig, num_threads: int = 0):

@@ -1,8 +1,8 @@
-"""Teachers: whom a student is to imitate, robot by robot, and what that teacher would do.
+"""Teachers: the teacher of each robot in a distillation, and the action that this teacher would take.
 
-Which teacher fits follows from what a robot has felt of its push so far, and not from how large the push will be: the
-same sensations then have the same label at every moment, and a push on its way across a border changes teachers as it
-grows. What cannot be seen must not decide, or two teachers' answers to the same observation would be averaged.
+The choice of the teacher depends on the impulse that a robot has felt so far, and not on the size that the push will
+have. The same sensations then have the same label at every moment, and a push that crosses a border changes teachers as
+it grows. Hidden quantities must not decide, or the student would average two teachers' answers to one observation.
 """
 
 from __future__ import annotations
@@ -30,40 +30,40 @@ from surefoot.task import observation
 from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
 
 HOME_S, HOME_SPEED = 1.0, 0.08
-"""A robot is at home again when this long has passed since its push began [s], its CoM is slower than this [m/s],"""
+"""A robot is at home again when this time has passed since its push began [s], its CoM is slower than this [m/s],"""
 HOME_SHIFT, HOME_BEND = 0.03, 0.2
-"""its feet stand to each other as at the start but for this [m], and its joints are not farther than this from the
-nominal pose, root mean square [rad]."""
+"""its feet have kept their relative position to within this [m], and its joints are within this of the nominal pose,
+root mean square [rad]."""
 STEPPED_SHIFT = 0.06
-"""A robot whose feet stand to each other otherwise than at the start by more than this [m] has stepped."""
+"""A robot has stepped when the relative position of its feet has changed by more than this [m]."""
 SLOW_S, SLOW_SPEED, SLOW_STEPS = 1.0, 0.3, 8
-"""This long after the beginning of its push [s], a robot whose CoM has been slower than this [m/s] for so many policy
-steps listens to the second teacher at most: how it stands must not depend on how it came to stand."""
+"""A robot has at most the second teacher from this time after the beginning of its push on [s], if its CoM has been
+slower than this [m/s] for so many policy steps: its stance must not depend on the way to it."""
 FAR = 0.02
-"""A capture point that would be so much farther than a border at the next policy step, if it went on as it goes, is
-beyond it now [m], for a robot with legs as long as the paper's: one step more of the wrong teacher costs recoveries."""
+"""A capture point counts as beyond a border if, at its present velocity, it will be this far beyond it at the next
+policy step [m], for a robot with legs as long as the paper's. One more step with the wrong teacher costs recoveries."""
 LANDED_S = 1.5
-"""A dropped robot listens to the second teacher or a later one until then [s]."""
+"""A dropped robot has the second teacher or a later one until this time [s]."""
 
 _MEASURED = ("beyond_standing", "beyond_held")
 NUM_MEASURED = 16
-"""Directions in which is measured what a teacher holds without a step."""
+"""Number of directions in which the impulses that a teacher holds without a step are measured."""
 
 
 @dataclass(frozen=True)
 class Teacher:
-    """A policy, and from where on it labels.
+    """A policy, and the borders beyond which it labels.
 
     Attributes:
         policy: for the student's robot and nominal pose; its action scale may differ.
         beyond: word of a body -> impulses [Ns] in evenly spaced directions, counter-clockwise from +x, linear between
-            them. A robot that has felt more than this listens to this teacher. The first teacher has none. What is
-            felt at other bodies does not count.
-        capture_point: how far the capture point may be from its place at the start [m], in evenly spaced directions,
-            counter-clockwise from +x, linear between them. A robot whose capture point is farther listens to this
-            teacher, whatever it has felt. Empty if only what it has felt counts.
-        vertical_speed: a robot whose CoM falls or rises faster than this [m/s] listens to this teacher.
-        weight: of its labels while a robot recovers from a push.
+            them. A robot that has felt more than this has this teacher. The first teacher has no such border. Impulses
+            felt at other bodies do not count.
+        capture_point: border of the distance of the capture point from its place at the start [m], in evenly spaced
+            directions, counter-clockwise from +x, linear between them. A robot whose capture point is beyond it has
+            this teacher, whatever impulse it has felt. If it is empty, only the impulse counts.
+        vertical_speed: a robot whose CoM falls or rises faster than this has this teacher [m/s].
+        weight: weight of its labels while a robot recovers from a push.
     """
 
     policy: NetworkAgent
@@ -79,7 +79,7 @@ class Teacher:
 
 
 class Teachers:
-    """All teachers, and to whom each of N robots listens.
+    """All teachers, and the teacher that each of N robots has.
 
     Args:
         teachers: in the order of the impulses that they are for.
@@ -116,7 +116,7 @@ class Teachers:
         self._slow_steps = np.zeros(env.num_envs, np.int64)
 
     def begin(self, observations: np.ndarray) -> None:
-        """All robots begin an episode with these observations (N, num_observations)."""
+        """Note that all robots begin an episode with these observations (N, num_observations)."""
         self.level[:] = self._slow_steps[:] = 0
         self._home = self._feet(observations).mean(axis=0)
         capture_point = capture_points.from_feet(self.env.robot, observations)
@@ -124,11 +124,11 @@ class Teachers:
         self._last_capture_point = horizontal(capture_point - self._home_capture_point)
 
     def update(self, observations: np.ndarray, ended: np.ndarray) -> None:
-        """Tell to whom each robot listens after a policy step.
+        """Choose the teacher of each robot after a policy step.
 
         Args:
             observations: without noise (N, num_observations).
-            ended: whose episode has ended (N,); they have begun another one.
+            ended: whether the episode of a robot has ended (N,); such a robot has begun another one.
         """
         level, env = self.level, self.env
         level[ended] = 0
@@ -152,18 +152,18 @@ class Teachers:
         level[lands] = np.maximum(level[lands], min(1, len(self.teachers) - 1))
 
     def labels(self, observations: np.ndarray, actions: np.ndarray, either: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return what each robot's teacher would do.
+        """Return the action that each robot's teacher would take.
 
         Args:
             observations: without noise (N, num_observations).
-            actions: what the student does (N, num_joints).
-            either: where both the second and the third teacher would do, the third one labels if its action differs
-                from the student's by less than this share of what the second one's does (squared). A student that
-                has to choose between two ways to recover is not to take the mean of both.
+            actions: the student's actions (N, num_joints).
+            either: where both the second and the third teacher would serve, the third one labels if its squared
+                difference from the student's action is less than this share of the second one's. A student that has to
+                choose between two ways to recover must not take the mean of both.
 
         Returns:
             labels: in the student's units (N, num_joints).
-            levels: indices of the teachers who gave them (N,).
+            levels: indices of the teachers that gave them (N,).
         """
         levels = self.level.copy()
         if len(self.teachers) > 2 and either:
@@ -174,12 +174,12 @@ class Teachers:
         return np.asarray(labels), levels
 
     def answers(self, teacher: int, observations: np.ndarray, who: np.ndarray) -> np.ndarray:
-        """Return what one teacher would do.
+        """Return the actions that one teacher would take.
 
         Args:
             teacher: its index.
             observations: without noise (N, num_observations).
-            who: is asked about (N,).
+            who: whether a robot is asked about (N,).
 
         Returns:
             In the student's units (N, num_joints); 0 for robots that are not asked about.
@@ -257,7 +257,7 @@ def read_teachers(
 
 
 def _borders(table: Mapping[str, Any], first: NetworkAgent, env: EnvConfig, num_threads: int) -> dict[str, Any]:
-    """Borders of a teacher that are told by its table or measured on the first teacher."""
+    """Borders of a teacher, from its table or measured on the first teacher."""
     beyond = dict(table.get("beyond", {}))
     for body in table.get("beyond_standing", ()):
         beyond[body] = _beyond_standing(first, body, num_threads)

@@ -33,42 +33,44 @@ Schedule = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """What a robot is asked to do; the defaults are the paper's.
+    """The task of a robot. The defaults are the paper's.
 
     Attributes:
-        robot: its name.
-        pose: name of the nominal pose: where the robot starts, and what an action of zero means.
+        robot: name of the robot.
+        pose: name of the nominal pose. The robot starts in it, and an action of zero means it.
         action_scale: joint angle [rad] per unit of action.
-        episode_s: an episode is truncated after this time [s].
-        joint_noise: start angles differ from the nominal pose by up to this [rad], uniform.
-        drop_height: range of the height above the floor from which an episode starts [m], uniform.
-        drop_share: share of the episodes that start from such a height; the others start on the floor.
-        drop_lean: a dropped robot leans by up to this [rad], uniform, in any direction.
+        episode_s: time after which an episode is truncated [s].
+        joint_noise: largest deviation of the start angles from the nominal pose [rad], uniform.
+        drop_height: range of heights above the floor from which an episode starts [m], uniform.
+        drop_share: share of the episodes that start from such a height. The others start on the floor.
+        drop_lean: largest lean of a dropped robot [rad], uniform, in any direction.
         power_weight: penalty weight per watt, over the share of the training done.
-        power_log_scale: powers well above this one cost ever less [W], see `reward.log_scaled`.
+        power_log_scale: power above which each further watt costs ever less [W], see `reward.log_scaled`.
         foot_travel_weight: penalty weight per m/s of the feet's horizontal speeds, over the share of the training done.
-        foot_travel_log_scale: speeds well above this one cost ever less [m/s].
+        foot_travel_log_scale: speed above which each further m/s costs ever less [m/s].
         sway_weight: penalty weight per m/s of the CoM's horizontal speed, over the share of the training done.
         posture_weight: penalty weight per rad of the joints' mean distance from the nominal pose, over the share of
             the training done. The penalty ends for the rest of an episode as soon as the step penalties fade.
-        step_penalty_fade: foot travel and sway are the step penalties: a small push is to be answered without a step,
-            a large one may cost any number. They are charged in full after a push with an impulse below this range
-            [Ns], fade linearly within it, and are waived above it. Without a range they are always charged.
-        step_penalty_waiver_s: the step penalties fade only for this time after a push, or after a drop, for which they
-            are waived [s]. A robot with noise never pays for foot travel.
-        foot_shift_limit: an episode ends when the centre of a sole is farther than this from its place [m], which is
-            where it was when the last push had been survived. Without it a robot may step.
-        foot_shift_impulse: a robot may also step after a push at the root with a larger impulse than this [Ns], after a
-            push at another body, or after a drop; with noise it always may. Several values are for evenly spaced
-            directions in the heading frame, counter-clockwise from +x, linear between them.
+        step_penalty_fade: range of impulses over which the step penalties fade [Ns]. The step penalties are those on
+            foot travel and sway. They make the robot answer small pushes without a step, while it may take any number
+            of steps after large ones. They are charged in full after a push below this range, fade linearly within it,
+            and are waived above it. Without a range they are always charged.
+        step_penalty_waiver_s: time after a push for which the step penalties fade, and after a drop for which they are
+            waived [s]. A robot with noise never pays for foot travel.
+        foot_shift_limit: an episode ends when the centre of a sole is farther than this from its place [m]. Its place
+            is where it was when the robot had survived the last push. Without a limit the robot may step.
+        foot_shift_impulse: with a limit, a robot may still step after a push at the root with a larger impulse than
+            this [Ns], after a push at another body, and after a drop; with noise it always may. Several values are for
+            evenly spaced directions in the heading frame, counter-clockwise from +x, linear between them.
         joint_speed_limit: an episode ends when a joint's speed, as a mean over 10 ms, exceeds this share of its limit.
-        speed_end_probability: probability of that in a policy step, over the share of the training done; 1 without it.
-        noise_share: share of the episodes with noise. Its size is uniform between none and the two deviations below.
-        observation_noise: largest standard deviation, see `Imperfections`.
-        action_noise: the same of the noise on the joint targets [rad].
+        speed_end_probability: probability of such an end in a policy step, over the share of the training done. The
+            default is 1.
+        noise_share: share of the episodes with noise. Its size is uniform between zero and the two deviations below.
+        observation_noise: largest standard deviation of the noise on the observation, see `Imperfections`.
+        action_noise: largest standard deviation of the noise on the joint targets [rad].
         disturbance: the pushes.
-        extra_terms: reward terms of your own by their names, see `reward.Term`; they are added to the table, and
-            rewarding ones count in the sum of the weights that the reward is divided by.
+        extra_terms: reward terms of your own by name, see `reward.Term`. They are added to the table. The weights of
+            rewarding terms are part of the sum by which the reward is divided.
         engine: name of the physics engine.
     """
 

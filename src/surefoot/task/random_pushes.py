@@ -20,26 +20,27 @@ class DisturbanceConfig:
     """Random horizontal pushes of a training episode; the defaults are the paper's (section IV-F).
 
     Attributes:
-        bodies: who is pushed, one drawn per push.
-        impulse: range [Ns], uniform.
-        body_scale: for each of the bodies, what every impulse is multiplied by; 1 without it.
-        sagittal: how much more often pushes go forward and backward than to the sides, 0 to 0.5 without the 0.5: their
+        bodies: the bodies that are pushed. One is drawn for each push.
+        impulse: range of the impulses [Ns], uniform.
+        body_scale: factor of every impulse, for each of the bodies. The default is 1.
+        sagittal: preference for pushes forward and backward over pushes to the sides, from 0 to less than 0.5. The
             density over the angle is proportional to 1 / (1 - 2 sagittal cos(2 angle)).
         first: range of the first push's start [s], uniform.
         interval: range of the time from one push to the next [s], uniform.
-        duration: [s].
-        survival_target: if given, each direction has a ceiling of its own. It begins at the range's upper end, rises
-            while a larger share of the hard pushes is survived than this, and falls while a smaller one is.
-        max_impulse: the ceilings' largest value [Ns].
-        hard_share: share of the pushes whose impulse is hard: close to the ceiling of the direction, see
+        duration: duration of a push [s].
+        survival_target: share of the hard pushes that robots are to survive. If given, each direction has a ceiling of
+            its own. The ceiling begins at the range's upper end, rises while robots survive a larger share than this,
+            and falls while they survive a smaller one.
+        max_impulse: largest value of the ceilings [Ns].
+        hard_share: share of the pushes with a hard impulse, which is close to the ceiling of the direction; see
             `RandomPushes.HARD`.
-        lift: range of a push upwards at the root that comes first in some cases [Ns], uniform.
-        lift_share: in this share of the pushes; the other one is then half as large as it was drawn.
-        lift_gap: time from the push upwards to the other [s].
-        small: range of the pushes that are to be answered without a step [Ns], uniform.
-        small_share: in this share of the pushes.
-        focus: share of the pushes that go to bodies, in directions and with impulses of which robots sometimes fall;
-            see `FallRates`.
+        lift: range of the push upwards at the root that precedes some pushes [Ns], uniform.
+        lift_share: share of the pushes with such a lift. The push itself is then half as large as drawn.
+        lift_gap: time from the lift to the push [s].
+        small: range of the pushes that the robot should answer without a step [Ns], uniform.
+        small_share: share of such small pushes.
+        focus: share of the pushes at bodies, in directions and with impulses that sometimes make robots fall; see
+            `FallRates`.
     """
 
     bodies: tuple[str, ...] = ("root",)
