@@ -80,7 +80,8 @@ def load_policy(name: str | Path) -> NetworkAgent:
             (.onnx), or of a run folder.
 
     Returns:
-        The policy: `contract` says what it observes and answers, `robot` the robot that it moves, and `actions(observations)`
+        The policy: `contract` says what it observes and answers, `robot` which robot it moves, and
+        `actions(observations)`
         runs its network.
 
     Raises:
