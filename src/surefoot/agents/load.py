@@ -81,8 +81,7 @@ def load_policy(name: str | Path) -> NetworkAgent:
 
     Returns:
         The policy: `contract` says what it observes and answers, `robot` which robot it moves, and
-        `actions(observations)`
-        runs its network.
+        `actions(observations)` runs its network.
 
     Raises:
         UserError: there is no such policy, or it is not one that this version can run.

@@ -1,1 +1,1 @@
-"""Report: one page about what is in results tables; it reads them, and runs again only the few trials that it draws."""
+"""Report: tables, plots and one page from results tables; only the few drawn trials are run again."""

@@ -1,4 +1,4 @@
-"""Ablations: the table of what came out of runs that each lacked one part of a preset."""
+"""Ablations: the table of the results of runs that each leave out one part of a preset."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from surefoot.report.table import Table
 
 LATE_FROM = 0.6
-"""Share of the steps of a run from which on its learning curve is averaged."""
+"""Share of a run's steps after which its learning curve is averaged."""
 
 
 def ablation_table(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Table:
@@ -29,5 +29,5 @@ def ablation_table(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Table
         "Ablations",
         ("left out", "recovered", "at the end", "quiet afterwards"),
         rows,
-        f"Means from {LATE_FROM:.0%} of the steps on; pushes of 36 to 540 Ns in 8 directions. One seed.",
+        f"The means begin at {LATE_FROM:.0%} of the steps. Pushes of 36 to 540 Ns in 8 directions, one seed.",
     )

@@ -1,4 +1,4 @@
-"""Bounds: the no-step bound, equation (6) of the paper: what a point mass over fixed feet can reject."""
+"""Bounds: the no-step bound, equation (6) of the paper, for a point mass over fixed feet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Engine table: what of a policy's thresholds, and of its recovered trials, another engine keeps."""
+"""Engine table: the share of a policy's thresholds and recovered trials that another engine keeps."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ LOW = 0.8
 """A threshold of which another engine keeps a smaller share is named below the table."""
 
 _NOTE = (
-    "Kept: the threshold in the other engine over that in MuJoCo. Both: of the same trials in both engines, those that"
-    " recover in both, with their Wilson 95 % interval; at a threshold the full-length trials at MuJoCo's."
+    "Kept: ratio of the threshold in the other engine to that in MuJoCo. Both: of the trials that ran in both engines,"
+    " those that recover in both, with their Wilson 95 % interval. For a threshold these are the full-length trials at"
+    " MuJoCo's threshold."
 )
 
 

@@ -1,4 +1,4 @@
-"""What the report takes from results tables: one `Evaluation` per policy and setup, whatever file it comes from."""
+"""Evaluations: the input of the report, one `Evaluation` for each policy and setup in any results table."""
 
 from __future__ import annotations
 

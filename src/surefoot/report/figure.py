@@ -1,4 +1,4 @@
-"""Figure: a plot or a picture as it lies within the page, with its caption and the numbers behind it."""
+"""Figure: a plot or a picture of the page, with its caption and the numbers that it shows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Learning plots: how policies became better while they learned."""
+"""Learning plots: the share of recovered pushes over the course of training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Metrics: one flat object of numbers about a policy, for machines. Keys are stable: docs/figures.md."""
+"""Metrics: the figures of a policy as one flat object for machines, with stable keys (docs/figures.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Page figures: what the report draws, with captions and with the numbers behind the pictures."""
+"""Page figures: the plots and pictures of the report, with their captions and the numbers that they show."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def policy_figures(evaluation: Evaluation, policy: Agent | None) -> tuple[list[F
         return found, []
     traces = run_traces(policy, {name: case.trial for name, case in evaluation.cases.items()})
     changed = [name for name, trace in traces.items() if differences(evaluation.cases[name].outcome, trace.outcome)]
-    notes = [f"Run again, these trials came out otherwise than stored: {', '.join(changed)}."] if changed else []
+    notes = [f"When run again, these trials ended differently than stored: {', '.join(changed)}."] if changed else []
     singles = {name: trace for name, trace in traces.items() if name in SINGLE}
     if LARGEST in traces:
         found.append(_footprints(evaluation, traces[LARGEST]))
@@ -98,8 +98,8 @@ def _polar_map(evaluations: Sequence[Evaluation]) -> Figure:
     return Figure(
         "directions",
         "Rejected impulse by direction",
-        f"Pushes at the {root_words(evaluations[0].robot)}, forward up. Dashed: the no-step bound, what a point mass"
-        f" over fixed feet can reject, in the pose {evaluations[0].robot.default_pose}.",
+        f"Pushes at the {root_words(evaluations[0].robot)}; forward is up. The dashed line is the no-step bound in the"
+        f" pose {evaluations[0].robot.default_pose}: the impulse that a point mass over fixed feet can reject.",
         [["policy", "direction [deg]", "rejected impulse [Ns]"], *data],
         alone=True,
         **drawn(lambda path: polar_map(points, bound, path, title="")),
@@ -119,7 +119,7 @@ def _ring_map(evaluations: Sequence[Evaluation]) -> Figure:
     return Figure(
         "ring",
         "Rejected impulse by mass of the robot",
-        "Pushes at the floating body of every robot, forward up.",
+        "Pushes at the floating body of every robot; forward is up.",
         [["robot, policy", "direction [deg]", "rejected impulse [Ns/kg]"], *data],
         alone=True,
         **drawn(lambda path: polar_map(per_mass, [], path, title="", unit="Ns/kg")),
@@ -136,8 +136,8 @@ def _learning_curves(curves: Curves) -> Figure:
     return Figure(
         "learning",
         "Learning curves",
-        f"Share of {NUM_PUSHES} held-out pushes recovered while learning: mean over the seeds, and a band from the"
-        " lowest to the highest.",
+        f"Share of {NUM_PUSHES} held-out pushes from which the policy recovers in the course of training. The line is"
+        " the mean over the seeds, and the band reaches from the lowest to the highest.",
         [["algorithm", "run", "minutes", "policy steps", "recovered"], *data],
         wide=True,
         **drawn(lambda path: learning_curves(curves, path)),
@@ -151,9 +151,9 @@ def _success_map(e: Evaluation) -> Figure:
     return Figure(
         "success",
         f"Which pushes at the {root_words(e.robot)} it survives",
-        f"{len(pushes)} directions, forward up; {PROTOCOL.num_screening} short trials in each cell of"
-        f" {pushes[0].line.grid:g} Ns, {PROTOCOL.num_full_length} of full length where it was close. Blank: not"
-        " searched. Dashed: the no-step bound in the policy's nominal pose.",
+        f"{len(pushes)} directions; forward is up. Each cell of {pushes[0].line.grid:g} Ns has"
+        f" {PROTOCOL.num_screening} short trials, and {PROTOCOL.num_full_length} of full length near the threshold."
+        " Blank cells were not searched. The dashed line is the no-step bound in the policy's nominal pose.",
         [["direction", "impulse [Ns]", "recovered", "trials"], *data],
         alone=True,
         **drawn(lambda path: success_map(e.cells, pushes, _bound(e, pose), path)),
@@ -169,8 +169,8 @@ def _strategy_map(e: Evaluation) -> Figure:
     return Figure(
         "strategies",
         f"Strategies after a push at the {root_words(e.robot)}",
-        "The strongest strategy of the trials of each cell that recovered (their median), forward up. Grey: fewer than"
-        " nine in ten recovered. The rejected impulse is the one within the joints' limits.",
+        "The strongest strategy in the recovered trials of each cell (their median); forward is up. In grey cells fewer"
+        " than nine in ten trials recovered. The rejected impulse is the one within the joints' limits.",
         [["direction", "impulse [Ns]", "strategy"], *data],
         alone=True,
         **drawn(lambda path: strategy_map(cells, pushes, without_step, path)),
@@ -191,7 +191,7 @@ def _motion(e: Evaluation, traces: Mapping[str, Trace]) -> Figure:
     return Figure(
         "motion",
         "Motion after the paper's four pushes",
-        f"CoM counted from where it was at the push, attitude of the {root}, and which foot carries load; seed 0."
+        f"CoM relative to its place at the push, attitude of the {root}, and the feet that carry load; seed 0."
         f" {ends}."
         " The paper's figure 5, a and b.",
         [header, *rows],
@@ -208,8 +208,8 @@ def _footprints(e: Evaluation, trace: Trace) -> Figure:
     return Figure(
         "footprints",
         "The largest sagittal push from above",
-        f"{push_words(trace.trial.push)}: {_end(trace)}. Dashed soles: where the feet stood; numbers: the steps"
-        " in their order. The paper's figure 5, c.",
+        f"{push_words(trace.trial.push)}: {_end(trace)}. Dashed soles show where the feet stood, and numbers"
+        " give the order of the steps. Compare the paper's figure 5, c.",
         [["step", "foot", "landing [s]", "x [m]", "y [m]", "length [m]"], *steps],
         wide=True,
         **drawn(lambda path: footprints(trace, path)),
@@ -224,8 +224,8 @@ def _support_foot(e: Evaluation, trace: Trace) -> Figure:
     return Figure(
         "support-foot",
         "Feet after a push at the shank",
-        f"{push_words(trace.trial.push)}: {_end(trace)}. Height of the soles' centres and their tilt. The paper's"
-        " figure 6, b.",
+        f"{push_words(trace.trial.push)}: {_end(trace)}. Height of the soles' centres and their tilt. Compare"
+        " the paper's figure 6, b.",
         [header, *np.round(np.column_stack(columns)[:: 2 * STRIDE], 4).tolist()],
         wide=True,
         **drawn(lambda path: support_foot(trace, path)),
@@ -248,7 +248,7 @@ def _film_strip(e: Evaluation, traces: Mapping[str, Trace]) -> Figure:
     return Figure(
         "film",
         "Film strips",
-        "The same trials as pictures, in the manner of the paper's figures 1 and 2.",
+        "The same trials as pictures, in the style of the paper's figures 1 and 2.",
         [["case", "push", "seed", "outcome", "seconds", "steps"], *rows],
         image=webp(strip),
         wide=True,

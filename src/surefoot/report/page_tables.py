@@ -1,4 +1,4 @@
-"""Page tables: several policies side by side, every table of one, and what its trials show."""
+"""Page tables: the tables of the report that compare policies, and those of a single policy and its trials."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ def share_kept_table(evaluations: Sequence[Evaluation]) -> Table:
         if any(shares):
             rows.append([_words(name), *shares])
     note = (
-        "Mean over the directions of the rejected impulse under this condition over the undisturbed one, at most all."
-        " The paper says of its noise that the policy handles it, without a number."
+        "Ratio of the rejected impulse under this condition to the undisturbed one, at most 100 %, as the mean over the"
+        " directions. The paper says that its policy handles the noise, but gives no number."
     )
     return Table("Share kept of the rejected impulse", ["condition", *(e.name for e in evaluations)], rows, note)
 
@@ -115,7 +115,7 @@ def limits_table(thresholds: Sequence[Threshold]) -> Table:
             worst = worse_of(lines, directions or list(lines))
             rows.append([words, f"{worst.size:g}", f"{theirs:g}", worst.line.scenario.unit, *_interval(worst)])
     columns = ["", "ours", "paper", "unit", "recovered", "Wilson 95 %"]
-    return Table("Without a step, landing, combined", columns, rows, "Ours: the worst direction.")
+    return Table("Without a step, landing, combined", columns, rows, "Our values are those of the worst direction.")
 
 
 def robustness_table(thresholds: Sequence[Threshold], robot: Robot) -> Table:
@@ -133,7 +133,9 @@ def robustness_table(thresholds: Sequence[Threshold], robot: Robot) -> Table:
         rows.append([_words(scenario.name), *sizes, kept, *_interval(worst)])
     columns = ["condition", *DIRECTIONS, "kept", "recovered", "Wilson 95 %"]
     at = root_words(robot)
-    note = f"Rejected impulse at the {at} [Ns]. Kept: of the undisturbed one. Recovered: trials at the worst direction."
+    note = (
+        f"Rejected impulse at the {at} [Ns]. Kept: share of the undisturbed one. Recovered: trials in the worst direction."
+    )
     return Table("Beyond the paper: robustness", columns, rows, note)
 
 
@@ -151,10 +153,10 @@ def audit_table(evaluation: Evaluation) -> Table:
     ]
     columns = ["scenario", *counts, "torque", "speed", "torque, all", "speed, all"]
     note = (
-        "Every trial that was run, most of them near the limit of what is recovered; one that two scenarios share is"
-        " counted at the first. Controller: it failed by itself. Torque and speed: largest share of a joint's limit"
-        " that a recovered trial used, and that any trial used, falls included. Torques never exceed their limits."
-        " Joint speeds can, when a push or an impact drives the joint."
+        "The table counts every trial that was run; most are near the threshold. A trial that two scenarios share is"
+        " counted in the first. Controller: the controller itself failed. Torque and speed: largest share of a joint's"
+        " limit in a recovered trial, and in any trial including falls. Torques never exceed their limits. Joint speeds"
+        " can, when a push or an impact drives the joint."
     )
     return Table("Use of the joints' limits", columns, rows, note)
 
@@ -187,7 +189,7 @@ def versions_table(evaluations: Sequence[Evaluation]) -> Table:
             ]
         )
     columns = ["policy", "digest", "protocol", "robot", "versions", "learning", "trials", "evaluation [min]"]
-    note = "Digest: of the policy (SHA-256, first 12 digits). Robot: its name and a fingerprint of its physical facts."
+    note = "Digest: SHA-256 of the policy, first 12 digits. Robot: its name and a fingerprint of its physical facts."
     return Table("Versions and digests", columns, rows, note)
 
 

@@ -1,4 +1,4 @@
-"""Paper: the numbers of Yang et al. 2018 that ours stand beside, and published figures of other push recovery."""
+"""Paper: the numbers of Yang et al. 2018 to which ours are compared, and published figures of other studies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paper tables: ours beside the paper's numbers, Tables I to V, and other publications' figures."""
+"""Paper tables: our numbers beside those of the paper's Tables I to V and of other publications."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def table_1(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
     )
     columns = ["", *DIRECTIONS, "sagittal", "paper", "lateral", "paper"]
     note = (
-        "Sagittal and lateral: the worse of the two directions. No-step bound: what a point mass over fixed feet can"
-        f" reject, equation (6) of the paper; in the pose {robot.default_pose}."
+        "Sagittal and lateral: the worse of the two directions. No-step bound: the impulse that a point mass over fixed"
+        f" feet can reject in the pose {robot.default_pose}, equation (6) of the paper."
     )
     return Table("Table I: largest rejected impulse [Ns]", columns, rows, note)
 
@@ -71,8 +71,8 @@ def table_2(fixed: Fixed) -> Table:
             rows.append([words, recovered, *shares, f"{steps:g}"])
     columns = ["push [Ns]", "recovered", "ankle", "hip", "foot tilt", "step", "steps"]
     note = (
-        "Share of the trials in which a strategy was seen; in brackets whether the paper marks it. Steps: median. What"
-        " a policy does unpushed is under quiet standing."
+        "Share of the trials in which a strategy was seen, and in brackets whether the paper marks it. Steps: median."
+        " The table on quiet standing shows the policy's motion without pushes."
     )
     return Table("Table II: strategies", columns, rows, note)
 
@@ -102,8 +102,8 @@ def table_3(thresholds: Sequence[Threshold], robot: Robot, steps: Mapping[str, f
         rows.append([_words(scenario.removesuffix("_push")), *(f"{lines[d].size:g}" for d in DIRECTIONS), *pairs])
     columns = ["body", *DIRECTIONS, "worst", "[Ns/kg]", "torque [Nm]", "steps"]
     note = (
-        "Rejected impulse [Ns] with the paper's levers; in brackets the paper's. Torque about the CoM, and median"
-        " number of steps, at the worst direction's threshold."
+        "Rejected impulse [Ns] with the paper's levers, and the paper's value in brackets. The torque about the CoM and"
+        " the median number of steps are those at the worst direction's threshold."
     )
     return Table("Table III: other body parts", columns, rows, note)
 
@@ -125,8 +125,8 @@ def table_4(agents: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
             rows += _measured(name, found.get("root_push", {}), robot, "yes")
     columns = ["study", "robot", "[kg]", "[Ns]", "[Ns/kg]", "printed", "steps"]
     note = (
-        "Ns/kg is impulse over mass; the paper prints figures that do not follow from its own. C and D are hardware,"
-        " the others simulation. Measured here, by one definition of success: the worse side."
+        "Ns/kg is impulse per mass; the paper's printed figures do not all follow from its own numbers. C and D are"
+        " hardware, the others simulation. Our measurements use one definition of success and give the worse side."
     )
     return Table("Table IV: push recovery studies", columns, rows, note)
 
@@ -168,12 +168,13 @@ def table_5(fixed: Fixed, robot: Robot) -> list[Table]:
             peaks = np.max([getattr(o, f"{quantity}_peaks") for o in outcomes], axis=0)
             rows.append([_words(name), *(f"{peaks[i]:.{digits}f}" for i in order)])
             rows.append(["  paper", *(f"{value:g}" for value in getattr(paper.TABLE_5[name], quantity))])
-        tables.append(Table(f"Table V: peak joint {quantity} [{unit}]", columns, rows, "Largest over the trials."))
+        title = f"Table V: peak joint {quantity} [{unit}]"
+        tables.append(Table(title, columns, rows, "The values are the largest over the trials."))
     rows = []
     for name, outcomes in cases.items():
         longest = np.max([o.saturated_s for o in outcomes], axis=0)
         rows.append([_words(name), *(f"{longest[i]:.2f}" for i in order)])
-    note = "Longest time that one joint of the group spent at its torque limit in one trial."
+    note = "The longest time that one joint of the group spent at its torque limit in one trial."
     return [*tables, Table("Time in saturation [s]", columns, rows, note)]
 
 

@@ -1,4 +1,4 @@
-"""Plot style: what all plots share: colours, fonts, how a file is written, and the polar axes of directions."""
+"""Plot style: the colours, fonts, file formats and polar axes that all plots share."""
 
 from __future__ import annotations
 

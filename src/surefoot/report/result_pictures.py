@@ -1,4 +1,4 @@
-"""Pictures of results: what the demo leaves and the README shows. Reads thresholds and curves, runs single trials."""
+"""Result pictures: the pictures of the demo and the README, from thresholds, curves and single trials run again."""
 
 from __future__ import annotations
 

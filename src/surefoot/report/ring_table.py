@@ -1,4 +1,4 @@
-"""Ring table: any robot and anybody's policy beside each other, by what makes robots of different sizes comparable."""
+"""Ring table: a comparison of any robots and policies, in units that make robots of different sizes comparable."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def ring_table(evaluations: Sequence[Evaluation]) -> Table:
         "torso", "torso J50", "quiet",
     ]  # fmt: skip
     note = (
-        "Rejected impulses, the worst and the best direction [Ns]. Ns/kg and J / (m sqrt(g z)) are of any joint speeds;"
-        " z is the height of the CoM above the soles. J50: half of the trials survive. Torso: at its CoM. Calm: drift"
-        " of the CoM and mean power of 60 s without a push."
+        "Rejected impulses in the worst and the best direction [Ns]. Ns/kg and J / (m sqrt(g z)) are for any joint"
+        " speeds; z is the height of the CoM above the soles. J50: half of the trials recover. Torso: pushes at its CoM."
+        " Quiet: drift of the CoM and mean power in 60 s without a push."
     )
     return Table("Robots and policies in the same ring", columns, rows, note)
 

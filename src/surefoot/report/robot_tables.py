@@ -1,4 +1,4 @@
-"""Robot tables: what was understood of a robot, for `surefoot robot check`."""
+"""Robot tables: a robot's description as read, for `surefoot robot check`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answer map: how an agent keeps its balance, by direction and impulse of a push; several side by side."""
+"""Strategy plots: maps of how agents keep their balance, by the direction and the impulse of a push."""
 
 from __future__ import annotations
 

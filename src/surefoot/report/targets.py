@@ -1,4 +1,4 @@
-"""Targets: the paper's lines, what surefoot wants to reach on each, and what a policy reaches."""
+"""Targets: tables of the paper's value, surefoot's target and a policy's result for each line."""
 
 from __future__ import annotations
 
@@ -116,8 +116,8 @@ def first_table(name: str, algorithm: str, minutes: float, metrics: Mapping[str,
         rows.append((words, f"{metrics[f'root_push.{plane}']:g}", usual, f"{getattr(theirs, plane):g}"))
     columns = ("hardest push [Ns]", f"{name}, {minutes:g} min", "five minutes", "the paper")
     note = (
-        "The worse of the two directions. Five minutes: DDPG on two free cores, median and range of three seeds."
-        " The paper: its policy of the same algorithm, learned for up to two days."
+        "Each value is that of the worse of the two directions. Five minutes: DDPG on two free cores, median and range"
+        " of three seeds. The paper: its policy of the same algorithm, trained for up to two days."
     )
     return Table("How far it got", columns, rows, note)
 
@@ -136,7 +136,7 @@ def targets_table(name: str, algorithm: str, metrics: Mapping[str, float], robot
                 (target.words, target.unit, theirs, f"{sign} {target.value:g}", value, "yes" if reached else "no")
             )
     columns = ("line", "unit", "paper", "target", name, "reached")
-    note = "Largest values over all trials for drift, steps and power."
+    note = "Drift, steps and power are the largest values over all trials."
     if not robot.is_of_the_paper:
-        note += " Targets are those for the paper's robot, scaled by mass and length of the legs."
+        note += " The targets are those for the paper's robot, scaled by mass and leg length."
     return Table("The lines to beat", columns, rows, note)

@@ -1,4 +1,4 @@
-"""Threshold plots: rejected impulse by direction and beside the paper, and what was survived in each cell."""
+"""Threshold plots: rejected impulse by direction and beside the paper, and the share recovered in each cell."""
 
 from __future__ import annotations
 

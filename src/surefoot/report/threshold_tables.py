@@ -1,4 +1,4 @@
-"""Threshold tables: the largest disturbances that were recovered from, of one policy or of several."""
+"""Threshold tables: the largest disturbances from which one policy or several recovered."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def scenario_table(name: str, thresholds: Sequence[Threshold], robot: Robot) -> 
             ]
         )
     columns = ["scenario", "worst", "best", "unit", "recovered", "Wilson 95 %"]
-    return Table(f"Largest recovered disturbance: {name}", columns, rows, "Recovered trials at the worst direction.")
+    return Table(f"Largest recovered disturbance: {name}", columns, rows, "Recovered: trials in the worst direction.")
 
 
 def worst_table(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Table:
@@ -91,7 +91,7 @@ def worst_table(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Ta
             if any(size is not None for size in worst):
                 rows.append([name, words, *("" if size is None else f"{size:g}" for size in worst)])
     columns = ["", "joint speeds", *(f"{scenario_words(s.name, robot)} [{s.unit}]" for s in searched)]
-    note = f"The largest value that holds in every direction that was tested. {LIMITS_NOTE}"
+    note = f"Each value is the largest that holds in every tested direction. {LIMITS_NOTE}"
     return Table("The worst direction of every scenario", columns, rows, note)
 
 
@@ -120,7 +120,7 @@ def summary_table(policies: Mapping[str, Sequence[Threshold]]) -> Table:
     shown = {words: cells for words, cells in shown.items() if any(cells.values())}
     by_worst = sorted(found, key=lambda name: -min(t.size for t in found[name]["root_push"].values()))
     rows = [[name, *(cells[name] for cells in shown.values())] for name in by_worst]
-    note = f"[Ns], over {num_directions} directions; where there were others, their number stands in brackets."
+    note = f"Values in Ns over {num_directions} directions; any other number of directions is given in brackets."
     return Table("Hardest push that each policy survives", ["", *shown], rows, note)
 
 
@@ -154,4 +154,4 @@ def seeds_table(policies: Iterable[tuple[str, Sequence[Threshold]]]) -> Table:
                 cells.append(f"{getattr(row, plane):g}" if row else "")
             rows.append(cells)
     columns = ["algorithm", "seeds", "sagittal", "range", "paper", "lateral", "range", "paper"]
-    return Table("Over seeds: rejected impulse [Ns]", columns, rows, "Median over seeds of the worse direction.")
+    return Table("Over seeds: rejected impulse [Ns]", columns, rows, "Median over seeds for the worse direction.")

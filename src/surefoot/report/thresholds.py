@@ -1,4 +1,4 @@
-"""Thresholds: what tables, plots and metrics ask of the results of searched scenarios."""
+"""Thresholds: queries on the results of searched scenarios, for tables, plots and metrics."""
 
 from __future__ import annotations
 

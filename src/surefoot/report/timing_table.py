@@ -1,4 +1,4 @@
-"""Timing table: how long a controller takes per control step, for people and for machines."""
+"""Timing table: the time of a controller's control steps, as a table and as metrics."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def timing_table(timings: Mapping[str, Timing]) -> Table:
         "failures",
     ]
     note = (
-        "Time per control step and robot: in the evaluation's batch a call's time over its robots; alone, a trial of a"
-        " single robot. Missed: steps that took longer than a period at the controller's rate. Failures: trials that"
-        " the controller failed by itself."
+        "Time per control step and robot. In the evaluation's batch it is the time of a call divided by its number of"
+        " robots; alone, it is measured in a trial of a single robot. Missed: steps that took longer than a period at"
+        " the controller's rate. Failures: trials that the controller itself failed."
     )
     return Table("Controllers: time per control step", columns, rows, note)
 

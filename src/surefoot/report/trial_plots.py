@@ -1,4 +1,4 @@
-"""Drawings of single trials and of single cells: motion over time, footprints, support foot, success by direction."""
+"""Trial plots: motion over time, footprints and support foot of single trials, and success by direction."""
 
 from __future__ import annotations
 
