@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from surefoot.learning.config import TrainConfig
 
 _ABOUT = (
-    "Settings of a training run: each may stand behind the other options of `surefoot train`. A schedule is a list of"
-    " pairs: share of the training done, value."
+    "Settings of a training run. Each can be given after the other options of `surefoot train`. A schedule is a list"
+    " of pairs: share of the training done, value."
 )
 
 

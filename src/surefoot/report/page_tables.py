@@ -133,9 +133,7 @@ def robustness_table(thresholds: Sequence[Threshold], robot: Robot) -> Table:
         rows.append([_words(scenario.name), *sizes, kept, *_interval(worst)])
     columns = ["condition", *DIRECTIONS, "kept", "recovered", "Wilson 95 %"]
     at = root_words(robot)
-    note = (
-        f"Rejected impulse at the {at} [Ns]. Kept: share of the undisturbed one. Recovered: trials in the worst direction."
-    )
+    note = f"Rejected impulse at the {at} [Ns]. Kept: share of the undisturbed. Recovered: in the worst direction."
     return Table("Beyond the paper: robustness", columns, rows, note)
 
 

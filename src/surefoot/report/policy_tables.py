@@ -57,4 +57,4 @@ def quiet_table(fixed: Fixed) -> Table:
             values = [f"{100 * drift:.1f}", f"{power:.1f}", f"{sum(o.quiet_steps for o in stood):g}"]
         rows.append([scenario.replace("_", " "), f"{len(stood)}/{len(outcomes)}", *values])
     columns = ["", "recovered", "CoM drift [cm]", "mean power [W]", "steps"]
-    return Table("Quiet standing", columns, rows, "Largest drift and power, and number of steps, in the recovered trials.")
+    return Table("Quiet standing", columns, rows, "Largest drift and power, and all steps, in the recovered trials.")

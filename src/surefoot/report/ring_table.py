@@ -28,8 +28,8 @@ def ring_table(evaluations: Sequence[Evaluation]) -> Table:
     ]  # fmt: skip
     note = (
         "Rejected impulses in the worst and the best direction [Ns]. Ns/kg and J / (m sqrt(g z)) are for any joint"
-        " speeds; z is the height of the CoM above the soles. J50: half of the trials recover. Torso: pushes at its CoM."
-        " Quiet: drift of the CoM and mean power in 60 s without a push."
+        " speeds; z is the height of the CoM above the soles. J50: half of the trials recover. Torso: pushes at"
+        " its CoM. Quiet: drift of the CoM and mean power in 60 s without a push."
     )
     return Table("Robots and policies in the same ring", columns, rows, note)
 
