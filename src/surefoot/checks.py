@@ -1,4 +1,4 @@
-"""Checks of what comes from outside: numbers, texts, values of files, and the files themselves.
+"""Checks: the checks of input from outside, which are numbers, texts, values of files, and the files themselves.
 
 A command line, a file and a message of the live page are checked by the same functions, so that a number that one of
 them refuses is refused by all.

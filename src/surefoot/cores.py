@@ -1,4 +1,4 @@
-"""Cores: how many of the machine's this process uses where nobody asks for a number."""
+"""Cores: the number of cores that this process uses by default."""
 
 from __future__ import annotations
 

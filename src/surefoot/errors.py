@@ -1,4 +1,4 @@
-"""The one error type that a user is meant to read, and the one way to tell a user something in passing."""
+"""Errors: the one error type that is meant for users, and the one way to print a notice for them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Extras: which part of an installation brings a package that is not there."""
+"""Extras: the extra of an installation that provides a missing package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole files: written such that the old one stays until the new one is safely there, and swept up after a kill."""
+"""Whole files: files written so that the old one stays until the new one is complete, and the clean-up after a kill."""
 
 from __future__ import annotations
 

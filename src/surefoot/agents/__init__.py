@@ -1,4 +1,4 @@
-"""Agents: who moves the robots, learned policies and classical controllers."""
+"""Agents: the learned policies and classical controllers that move the robots."""
 
 from surefoot.agents.load import load_agent, load_policy, shipped_policies
 

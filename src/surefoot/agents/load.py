@@ -1,4 +1,4 @@
-"""Load: agents by name: policies of ours and foreign ones, run folders, the nominal pose, and controllers."""
+"""Load: agents by name, which may be our or foreign policies, run folders, the nominal pose, or controllers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The nominal pose held by the joint impedance alone."""
+"""Nominal: the agent that holds the nominal pose by the joint impedance alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observing agents: those that are given the filtered observation at 25 Hz."""
+"""Observing agents: agents that receive the filtered observation at 25 Hz."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ONNX files of strangers: checked before anything runs them, so that their bytes alone say what they do.
+"""ONNX check: the checks of unknown ONNX files before anything runs them, so that their bytes alone define their work.
 
 A file that passes holds nothing but operators of a list, has no part of its own code, and cannot grow in memory beyond
 a limit. A policy of surefoot's refers to no other file; a foreign one may have its weights in a file beside it, which

@@ -1,4 +1,4 @@
-"""Policy files: one ONNX network whose metadata holds its contract, and the contract's terms for strangers."""
+"""Policy files: one ONNX network whose metadata holds its contract and the contract's terms for other runtimes."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class AgentCommand:
 
 
 def print_agent(agent: Agent, output: Console) -> None:
-    """Print what was understood of an agent before it has moved anything."""
+    """Print an agent's description as read, before it has moved anything."""
     robot, gains = agent.robot, agent.gains
     ratio = gains.stiffness / robot.stiffness
     own = "the robot's own" if np.allclose(ratio, 1.0) else f"{ratio.min():.2f} to {ratio.max():.2f} of the robot's own"
@@ -75,7 +75,7 @@ def print_agent(agent: Agent, output: Console) -> None:
 
 
 def print_check(agent: Agent, found: AgentCheck, output: Console) -> None:
-    """Print what was found out about an agent, and whether it is the policy or the adapter."""
+    """Print the results of the check, and whether a fault is in the policy or the adapter."""
     output.print(_ways_table([found.given, *found.wrong]))
     if found.commands:
         output.print(_commands_table(found.commands))
@@ -86,7 +86,7 @@ def print_check(agent: Agent, found: AgentCheck, output: Console) -> None:
 
 
 def _ways_table(results: list[WayResult]) -> Table:
-    table = Table("driven", "stood", "for [s]", "foot shift [m]", "power [W]", title="Does it stand, and only so?")
+    table = Table("driven", "stood", "for [s]", "foot shift [m]", "power [W]", title="Does it stand only as given?")
     for result in results:
         shift = np.median([outcome.foot_shift for outcome in result.outcomes])
         power = np.median([outcome.quiet_power for outcome in result.outcomes])
@@ -117,14 +117,14 @@ def _commands_table(results: list[WayResult]) -> Table:
 
 
 def _inputs_table(found: AgentCheck) -> Table:
-    table = Table("input", "lowest", "mean", "highest", title="What it was given while it stood")
+    table = Table("input", "lowest", "mean", "highest", title="Inputs while it stood")
     for name, seen in found.ranges.items():
         table.add_row(name, f"{seen.low:.3f}", f"{seen.mean:.3f}", f"{seen.high:.3f}")
     return table
 
 
 def _targets_table(agent: Agent, found: AgentCheck) -> Table:
-    table = Table("a small change of", "moves targets by [rad]", title="What it reacts to")
+    table = Table("a small change of", "moves targets by [rad]", title="Reactions to its inputs")
     for name, moved in sorted(found.reactions.items(), key=lambda pair: -pair[1]):
         if moved > _NO_REACTION:
             table.add_row(name, f"{moved:.4f}")
@@ -132,7 +132,7 @@ def _targets_table(agent: Agent, found: AgentCheck) -> Table:
 
 
 def verdict(agent: Agent, found: AgentCheck) -> list[str]:
-    """Say in sentences whether it is the policy or the adapter."""
+    """Say in sentences whether a fault is in the policy or the adapter."""
     said = []
     far = np.argsort(-found.target_error)[:_SHOWN_JOINTS]
     joints = ", ".join(f"{agent.robot.joint_names[joint]} {found.target_error[joint]:.3f}" for joint in far)
@@ -148,7 +148,7 @@ def verdict(agent: Agent, found: AgentCheck) -> list[str]:
 def _of_one_that_stands(found: AgentCheck) -> list[str]:
     said = [f"It stands for the whole time, all {len(found.given.outcomes)} robots."]
     said.extend(
-        f"It stands as well with {result.way.name}: standing does not tell whether that is right."
+        f"It also stands with {result.way.name}, so standing does not show whether that is right."
         for result in found.indifferent_ways
     )
     lost = [result.way.name for result in found.commands if not result.follows]
@@ -157,7 +157,7 @@ def _of_one_that_stands(found: AgentCheck) -> list[str]:
             f"It does not follow when {', '.join(lost)}. Either it was never taught to, or it is given the command "
             "in another order or unit."
         )
-    return [*said, "The adapter is right as far as this tells; what happens under a push is the policy's."]
+    return [*said, "The adapter is right as far as this shows; the behaviour under a push is the policy's."]
 
 
 def _of_one_that_does_not(found: AgentCheck) -> list[str]:
@@ -170,7 +170,7 @@ def _of_one_that_does_not(found: AgentCheck) -> list[str]:
         )
     else:
         said.append(
-            "No other joint order and no other sign makes it stand. Compare what it is given with what it was learned "
-            "with: gains, default pose, action scale, rate, and the order, scale and history of the observations."
+            "No other joint order and no other sign makes it stand. Compare its inputs with those of its training: "
+            "gains, default pose, action scale, rate, and the order, scale and history of the observations."
         )
     return said

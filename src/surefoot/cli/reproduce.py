@@ -52,7 +52,7 @@ class Reproduce(Work):
                     self._spread(study, executor)
                 self._report(study)
         except KeyboardInterrupt:
-            say("interrupted; the same command goes on from here")
+            say("interrupted; the same command continues from here")
             raise
 
     def _run(self, study: Study) -> None:

@@ -199,7 +199,7 @@ class Train(Work):
 
     def _tell(self, config: TrainConfig, folder: Path) -> None:
         say(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
-        say("the bar ends with the impulses about rejected now: forward/left/backward/right")
+        say("the bar ends with the impulses that the policy now rejects, roughly: forward/left/backward/right")
 
 
 def _budget_words(config: TrainConfig) -> str:
@@ -253,7 +253,7 @@ class Select(Work):
             write_whole(self.out, shipped_bytes(best))
 
     def _say(self, found: Candidate) -> None:
-        """Tell what held-out trials say of a policy."""
+        """Print the results of held-out trials of a policy."""
         worst = min(found.rejected, key=lambda name: found.rejected[name])
         say(
             f"{found.file}: {found.within_limits:.3f} recovered within limits ({found.recovered:.3f} in all), "
@@ -306,7 +306,7 @@ class Ablate(Work):
 
         for name in self.without:
             if name in OLD_NAMES:
-                say(f"{name} is called {OLD_NAMES[name]} now; the old name goes with version 0.3")
+                say(f"{name} is now called {OLD_NAMES[name]}; version 0.3 drops the old name")
             elif name not in LEFT_OUT:
                 raise UserError(f"unknown part '{name}'; valid: {', '.join(LEFT_OUT)}")
         return [OLD_NAMES.get(name, name) for name in self.without]

@@ -1,4 +1,4 @@
-"""Environments: the task as gymnasium knows it, one robot (`gym.make`) or a batch (`gym.make_vec`), with pictures.
+"""Environments: the task as gymnasium environments, one robot (`gym.make`) or a batch (`gym.make_vec`), with pictures.
 
 ``import surefoot`` makes them known to gymnasium, where it is installed.
 """

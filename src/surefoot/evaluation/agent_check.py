@@ -1,4 +1,4 @@
-"""Agent check: is it the policy or the adapter? An agent stands, walks, and is driven in ways that must not work."""
+"""Agent check: trials that show whether a fault is in a policy or its adapter, also with wrong adapters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Agent inputs: what an agent is given, as named quantities, whatever it asks the control loop for."""
+"""Agent inputs: the inputs of any agent as named quantities."""
 
 from __future__ import annotations
 

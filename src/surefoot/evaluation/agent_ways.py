@@ -1,4 +1,4 @@
-"""Agent ways: one agent, driven as it is given and in ways in which an adapter may be wrong, side by side."""
+"""Agent ways: one agent, driven as given and with typical errors of an adapter, side by side."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evaluation: how hard a disturbance a policy survives. All lines of all scenarios share one batch of robots."""
+"""Evaluate: the search for the hardest disturbances that an agent survives, with one batch of robots for all lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Golden vectors: a short run of a policy, number by number, for another implementation to check itself against."""
+"""Golden vectors: every number of a short run of a policy, as a reference for other implementations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""HalfSearch: the search for J50 along one line, the impulse that half of the trials survive.
+"""HalfSearch: the search along one line for J50, the impulse from which half of the trials recover.
 
 It goes up the grid with the screening trials of the threshold search, whose outcomes both share, until at most half of
 the trials of four neighbouring cells recover. J50 is the upper one of the two cells in the middle.

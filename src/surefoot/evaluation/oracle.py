@@ -1,4 +1,4 @@
-"""Oracle: what a robot can reject if it knows the push, found by sampling-based trajectory optimisation.
+"""Oracle: the hardest pushes that a robot can reject if it knows them, by sampling-based trajectory optimisation.
 
 The cross-entropy method (R. Y. Rubinstein 1999) searches offsets to an agent's joint targets, in a batch of robots with
 all limits in force. The offsets are given at knots and linear between them. All samples of an iteration are the same

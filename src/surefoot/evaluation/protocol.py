@@ -1,4 +1,4 @@
-"""Protocol: every number that defines what is measured, in one place, under one version."""
+"""Protocol: every number that defines a measurement, in one place and under one version."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""QuietRule: whether a robot stands upright and still, as trials and the live page tell it before a trial's horizon."""
+"""QuietRule: the test for a robot that stands upright and still, which ends trials before their horizon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded trials: run again with every tick kept, for films, curves over time and footprints."""
+"""Recorded trials: trials run again with every tick kept, for films, curves over time and footprints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Replay: one trial of a results table again, bit for bit, and what of its outcome differs, if anything does."""
+"""Replay: a bit-exact repetition of a trial of a results table, and the differences in its outcome."""
 
 from __future__ import annotations
 

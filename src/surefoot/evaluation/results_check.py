@@ -1,4 +1,4 @@
-"""Checks of a results table of somebody else: its tables are tables, with our columns and values of our types.
+"""Results check: the checks of an unknown results table for our tables, columns and types.
 
 SQLite runs code that a file brings (views, triggers, defaults), and keeps a value of any type in a column of any type.
 What we did not write is therefore refused when a file is opened.

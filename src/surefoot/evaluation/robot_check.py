@@ -1,4 +1,4 @@
-"""Robot check: does a robot stand, how fast is its physics, and what of its description is wrong or suspicious?"""
+"""Robot check: a test of a robot's standing, the speed of its physics, and the faults of its description."""
 
 from __future__ import annotations
 

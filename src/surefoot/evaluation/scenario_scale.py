@@ -1,4 +1,4 @@
-"""Scenario scale: the package's own scenarios, whose sizes are the paper's robot's, for a robot of another size."""
+"""Scenario scale: the package's own scenarios, scaled from the paper's robot to a robot of another size."""
 
 from __future__ import annotations
 

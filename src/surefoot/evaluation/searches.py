@@ -1,4 +1,4 @@
-"""Searches: the searches along several lines as one source of trials, which asks a store before it asks for a trial."""
+"""Searches: the searches along several lines as one source of trials, which uses stored outcomes first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Setup: what an outcome depends on beside the agent, and in which part two of them differ."""
+"""Setup: the conditions of an outcome beside the agent, and the part in which two setups differ."""
 
 from __future__ import annotations
 

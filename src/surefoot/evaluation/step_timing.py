@@ -1,4 +1,4 @@
-"""Step timing: how long a controller takes per control step, measured in its trials and once more alone."""
+"""Step timing: the time of a controller's control steps, measured in its trials and in a trial alone."""
 
 from __future__ import annotations
 

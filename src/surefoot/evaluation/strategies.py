@@ -1,4 +1,4 @@
-"""Strategies: which of the four ways to keep balance a robot used after a disturbance, told from its ticks.
+"""Strategies: the strategies by which a robot kept its balance after a disturbance, recognised from its ticks.
 
 After Horak and Nashner 1986 (ankle, hip), Pratt et al. 2006 (step), Stephens 2007 (what each can reject) and
 Yang et al. 2018 (foot tilt; Table II marks all four). The papers name the strategies but give no numbers, so each

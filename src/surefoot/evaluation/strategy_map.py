@@ -1,4 +1,4 @@
-"""Strategy map: how an agent keeps its balance against pushes from all around, by direction and impulse."""
+"""Strategy map: the strategies of an agent against pushes from all directions, by direction and impulse."""
 
 from __future__ import annotations
 

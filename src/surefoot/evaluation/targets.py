@@ -1,4 +1,4 @@
-"""Targets: what we want a policy to reach, by the key of its flat figure (docs/figures.md)."""
+"""Targets: the values that a policy is meant to reach, by the key of the flat figure (docs/figures.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trials and scenarios as JSON text: what is as usual is left out, so that the same one always has the same text."""
+"""Trials and scenarios as JSON text: defaults are left out, so that equal ones always have equal texts."""
 
 from __future__ import annotations
 

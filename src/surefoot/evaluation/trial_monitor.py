@@ -1,4 +1,4 @@
-"""TrialMonitor: what is seen of every robot in a trial, and the one definition of success."""
+"""TrialMonitor: the observation of every robot in a trial, and the one definition of success."""
 
 from __future__ import annotations
 

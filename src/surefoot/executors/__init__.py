@@ -1,4 +1,4 @@
-"""Executors: who does a list of tasks: this process, processes of this machine, or the workers of a cluster.
+"""Executors: the ways to run a list of tasks, in this process, in processes of this machine, or on a cluster.
 
 A task is a call of a function of ours with arguments that can be pickled, and takes seconds to hours: the lines of a
 scenario that share their trials, a training run, a candidate. Results come as they are done, to the one process that

@@ -1,4 +1,4 @@
-"""Address: whether anybody answers where a cluster is said to be, before a library waits for it for minutes."""
+"""Address: a quick check that a cluster answers at its address, before a library waits for it for minutes."""
 
 from __future__ import annotations
 

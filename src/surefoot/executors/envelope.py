@@ -1,4 +1,4 @@
-"""Envelope: how a task travels, so that a worker without this package, or with another version, says so in a line."""
+"""Envelope: the packing of tasks, so that a worker without this package or with another version says so in one line."""
 
 from __future__ import annotations
 

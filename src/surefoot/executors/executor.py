@@ -1,4 +1,4 @@
-"""Executor: does tasks and hands on their results as they come; tasks of workers that die are asked for again."""
+"""Executor: runs tasks and passes on results as they arrive; the tasks of dead workers are run again."""
 
 from __future__ import annotations
 

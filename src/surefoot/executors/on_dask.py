@@ -1,4 +1,4 @@
-"""Dask: tasks on the workers of a Dask cluster, or of one that is begun on this machine."""
+"""Dask: tasks on the workers of a Dask cluster, which may be started on this machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ray: tasks on the workers of a Ray cluster, or of one that is begun on this machine."""
+"""Ray: tasks on the workers of a Ray cluster, which may be started on this machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slurm: every task is a job, by submitit; the folder of the jobs must be seen by all machines."""
+"""Slurm: tasks as jobs of submitit, in a folder that all machines must share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes of this machine, by loky. Each is a pool of its own, so that one that dies takes no other's task along."""
+"""Processes: tasks in loky processes of this machine, each in its own pool, so that a crash affects one task only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shared folder: whether a worker sees the folder into which it is to write."""
+"""Shared folder: the check that a worker sees the folder to which it must write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Worker: what is done with a task where it arrives."""
+"""Worker: the execution of a task on the machine where it arrives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ablations: what each difference between the presets `paper` and `fast` gives DDPG, by leaving out one at a time.
+"""Ablations: the effect of each difference between the presets `paper` and `fast` on DDPG, left out one at a time.
 
 Every run has the same number of policy steps, so that its curve does not depend on what else the machine computes.
 """

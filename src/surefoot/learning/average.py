@@ -1,4 +1,4 @@
-"""Averaged actor: the weights that are validated and kept, a moving average of those that learn."""
+"""Averaged actor: the moving average of the learning weights, which is validated and kept."""
 
 from __future__ import annotations
 

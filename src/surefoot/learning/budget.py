@@ -1,4 +1,4 @@
-"""Budget: minutes become policy steps once, at the start of a run, so that nothing in it depends on the clock.
+"""Budget: the conversion of minutes into policy steps at the start of a run, after which nothing depends on the clock.
 
 The speed of learning is measured for some seconds with networks that are thrown away, and stored in the run folder.
 From then on everything that changes in the course of the run follows its policy steps.

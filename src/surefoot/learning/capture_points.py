@@ -1,4 +1,4 @@
-"""Capture points: how far a robot's capture point may be from its place while a policy still holds it without a step.
+"""Capture points: the distances of the capture point that a policy still holds without a step.
 
 What a push was is over before a robot can tell it; where its capture point is, the robot sees. A border between two
 teachers that is drawn by it gives the same label to the same observation.

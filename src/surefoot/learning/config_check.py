@@ -1,4 +1,4 @@
-"""Config check: types and ranges of what a file says of a training run, before anything is built from it."""
+"""Config check: the check of types and ranges in a training run's configuration, before anything is built from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Crew: a learner whose robots are moved by workers elsewhere. Its algorithm updates; what it learns from comes to it.
+"""Crew: a learner that updates from the experience that workers elsewhere collect.
 
 On-policy, all workers collect a rollout by the same policy and the learner waits for them. Off-policy, they collect by
 the policy of before while the learner does the gradient steps that it owes, so that robots and gradients overlap, and

@@ -1,4 +1,4 @@
-"""Learning curves: the table that a run leaves, one row per validation; it is read here without torch.
+"""Learning curves: the table of a run with one row per validation, read without torch.
 
 The columns keep the names of version 0.1, since committed results and their readers have them: "minutes" and "steps" of
 the run, "recovered" and "fell" (shares of the pushes), "within_limits" (recovered with no joint beyond its speed limit;

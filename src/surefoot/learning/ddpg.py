@@ -1,4 +1,4 @@
-"""DDPG for a batch of robots: it learns while they move, each explores by its own amount, and replays are mirrored."""
+"""DDPG: the algorithm for a batch of robots, with learning during motion, graded exploration and mirrored replays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kept policies: the policies and the learning curve of a run, and the validation by which the best one is told."""
+"""Kept policies: the policies and the learning curve of a run, and the validation that selects the best one."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class KeptPolicies:
         self.best_score, self.files = float(state["best_score"]), dict(files)
         if BEST in self.files and state.get("score_definition") != self.definition:
             self.best_score = self.validate(NetworkAgent(self.files[BEST], BEST)).score
-            notice(f"{BEST} was validated again, since scores counted something else when it was kept")
+            notice(f"{BEST} was validated again, because its score had another definition")
 
     def add(self, data: bytes, row: Mapping[str, float], last_columns: Mapping[str, float]) -> Validation:
         """Validate a policy file, keep it, and add a row to the learning curve.

@@ -1,4 +1,4 @@
-"""Learner: an algorithm on its robots and the average of its actor; it knows neither clock nor files."""
+"""Learner: an algorithm with its robots and the average of its actor, without clock or files."""
 
 from __future__ import annotations
 

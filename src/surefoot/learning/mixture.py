@@ -1,4 +1,4 @@
-"""Mixture: a network that tells what its sensors hide and which of its teachers fits, with all teachers inside.
+"""Mixture: a network that holds all its teachers, estimates hidden quantities and chooses the teacher that fits.
 
 A trunk takes the noisy observation with its memory. It gives an estimate of the clear observation, and gates between
 the teachers' networks, which act on that estimate. So the student answers a push as the teacher does that fits, to the

@@ -1,4 +1,4 @@
-"""Models: each algorithm of stable-baselines3 on its environment, and how much it may explore."""
+"""Models: the algorithms of stable-baselines3 on their environments, and the amount of their exploration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks: the paper's actors and critics as stable-baselines3 wants them."""
+"""Networks: the paper's actors and critics in the form that stable-baselines3 needs."""
 
 from __future__ import annotations
 

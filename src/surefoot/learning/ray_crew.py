@@ -1,4 +1,4 @@
-"""Ray crew: the workers of a training run as actors of a Ray cluster, which are begun again where they die."""
+"""Ray crew: the workers of a training run as actors of a Ray cluster, which are restarted if they die."""
 
 from __future__ import annotations
 

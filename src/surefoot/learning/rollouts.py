@@ -1,4 +1,4 @@
-"""Rollouts: what a worker of a larger training run does. It moves robots by the policy that it is sent.
+"""Rollouts: a worker of a larger training run, which moves robots by the policy that it receives.
 
 A worker has a learner of its own, whose algorithm collects as it does in a run by itself, and never updates.
 """

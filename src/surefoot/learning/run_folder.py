@@ -1,4 +1,4 @@
-"""Run folder: what a training run leaves on disk, written so that a kill or a full disk loses nothing older.
+"""Run folder: the files of a training run, written so that a kill or a full disk loses nothing older.
 
 beginning.json   what the run began with, and the speed by which its minutes became policy steps
 config.json      the configuration

@@ -1,4 +1,4 @@
-"""stable-baselines3: our environment as its VecEnv."""
+"""stable-baselines3: the adapter of our environment to its VecEnv."""
 
 from __future__ import annotations
 

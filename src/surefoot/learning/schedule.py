@@ -1,4 +1,4 @@
-"""Schedule: how much of its budget a run has used, and what changes with that, by policy steps alone."""
+"""Schedule: the share of the budget that a run has used, and the values that change with it, by policy steps alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Selection: the best of several runs' policies, by more held-out trials than a training has time for."""
+"""Selection: the choice of the best policy of several runs, by more held-out trials than a training can afford."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Speed: how many policy steps a second a run learns at its start, for a budget in minutes."""
+"""Speed: the measurement of a run's policy steps per second at its start, for a budget in minutes."""
 
 from __future__ import annotations
 

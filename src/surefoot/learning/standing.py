@@ -1,4 +1,4 @@
-"""Standing: which pushes a policy answers without a step, on trials held out from the evaluation proper."""
+"""Standing: the pushes that a policy rejects without a step, on trials held out from the evaluation proper."""
 
 from __future__ import annotations
 

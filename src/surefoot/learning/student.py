@@ -1,4 +1,4 @@
-"""Student: a network with a memory that learns to do as it is told, and the labels that it was told."""
+"""Student: a network with a memory that learns to imitate labels, and the buffer of these labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Takeover: robots that another policy takes over where the learning one is not to act any more.
+"""Takeover: an environment in which another policy drives robots that are beyond a border.
 
 A specialist for small pushes that learns so meets the stance and the motions from which the other policy goes on. One
 that learns alone finds a stance of its own, from which the other policy saves fewer robots.

@@ -1,4 +1,4 @@
-"""Training log: what a run tells TensorBoard, or Weights & Biases, while it learns."""
+"""Training log: the values that a run sends to TensorBoard or Weights & Biases while it learns."""
 
 from __future__ import annotations
 

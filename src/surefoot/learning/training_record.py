@@ -1,4 +1,4 @@
-"""Training record: what a policy file says of where its policy comes from."""
+"""Training record: the origin of a policy, as its policy file records it."""
 
 from __future__ import annotations
 

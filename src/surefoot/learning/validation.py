@@ -1,4 +1,4 @@
-"""Validation: a quick look at a policy in training, on trials held out from the evaluation proper."""
+"""Validation: a quick test of a policy in training, on trials held out from the evaluation proper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warm start: a run may begin with the networks of another one, or with a policy, whose critic is learned first."""
+"""Warm start: the start of a run from the networks of another run, or from a policy whose critic is learned first."""
 
 from __future__ import annotations
 

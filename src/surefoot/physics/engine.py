@@ -1,4 +1,4 @@
-"""Engine: what the rest asks of a physics engine. Everything else about one is its own affair."""
+"""Engine: the protocol by which the rest of the package uses a physics engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pushes as data, and their wrenches at tick resolution."""
+"""Pushes: pushes as data, and their wrenches at tick resolution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contacts in PyBullet: which shapes may touch, how slippery they are, and what the floor does to the feet."""
+"""Contacts in PyBullet: the shapes that may touch, their friction, and the forces of the floor on the feet."""
 
 from __future__ import annotations
 

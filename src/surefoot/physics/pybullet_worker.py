@@ -1,4 +1,4 @@
-"""PyBullet worker: the process that has some robots of a `PybulletEngine`: python -m surefoot.physics.pybullet_worker.
+"""PyBullet worker: a process with some robots of a `PybulletEngine`: python -m surefoot.physics.pybullet_worker.
 
 It reads pickled messages from standard input and writes one answer for each to standard output: first the robot's name,
 its domain and the robots' numbers, then methods of `BulletWorld` with an argument list for each robot.

@@ -1,4 +1,4 @@
-"""Rotations: what is told from unit quaternions (w, x, y, z), and horizontal vectors as complex numbers."""
+"""Rotations: functions of unit quaternions (w, x, y, z), and horizontal vectors as complex numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Speed: how fast the bare physics of a model is, on one core."""
+"""Speed: the measurement of the speed of a model's bare physics on one core."""
 
 from __future__ import annotations
 

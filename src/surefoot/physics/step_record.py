@@ -1,4 +1,4 @@
-"""StepRecord: the named quantities of what robots did at 500 Hz.
+"""StepRecord: the named quantities of the robots' motion at 500 Hz.
 
 Quantities are in the world frame and in SI units unless their name says otherwise.
 """

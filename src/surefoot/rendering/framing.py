@@ -1,4 +1,4 @@
-"""Framing: how large a robot is, so that cameras, marks and distances fit a robot of any size."""
+"""Framing: the size of a robot, by which cameras, marks and distances are scaled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files: pictures and films on the disk."""
+"""Image files: the writing of pictures and films."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Moment: one instant of a robot, as much as a picture or the live page shows of it."""
+"""Moment: the state of a robot at one instant, as far as a picture or the live page shows it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""OpenGL: which of the machine's ways to draw without a window works."""
+"""OpenGL: the choice of a working way to draw without a window on this machine."""
 
 from __future__ import annotations
 

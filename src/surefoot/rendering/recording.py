@@ -1,4 +1,4 @@
-"""Recording: real trials that were run and kept, moment by moment, to be drawn."""
+"""Recording: trials that were run and kept moment by moment for drawing."""
 
 from __future__ import annotations
 

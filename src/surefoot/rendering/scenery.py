@@ -1,4 +1,4 @@
-"""Scenery: the sky, the light, the floor and the colours that a robot's own file does not bring along."""
+"""Scenery: the sky, light, floor and colours that a robot's own file does not contain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strips: trials as rows of pictures, in the manner of the paper's figures 1 and 2."""
+"""Strips: trials as rows of pictures, in the style of the paper's figures 1 and 2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words: pushes and trials as a reader says them."""
+"""Words: pushes and trials described in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots: a machine is a TOML description beside an MJCF file, and `Robot` is all that the rest knows of it."""
+"""Robots: descriptions of machines, each a TOML file beside an MJCF file, and `Robot`, the only access to them."""
 
 from surefoot.robots.load import load_robot, shipped_robots
 from surefoot.robots.robot import Robot

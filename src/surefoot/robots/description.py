@@ -1,4 +1,4 @@
-"""Description: what a TOML file says of a robot that its MJCF file does not, checked key by key."""
+"""Description: the TOML file of the facts that a robot's MJCF file lacks, checked key by key."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Domain parameters: what a robot stands on and is made of, as far as it may differ from its model."""
+"""Domain parameters: the properties of the ground and the robot that may differ from the model."""
 
 from __future__ import annotations
 

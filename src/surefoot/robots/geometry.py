@@ -1,4 +1,4 @@
-"""Geometry: what is measured on a compiled model, so that nobody has to type it: soles, mirror, legs."""
+"""Geometry: the facts measured on a compiled model instead of typed by hand: soles, mirror, legs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inspection: what can be told of a robot in a pose without simulating it, for `surefoot robot check`."""
+"""Inspection: the facts of a robot in a pose that need no simulation, for `surefoot robot check`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Load: a robot by its name, or from a description of your own."""
+"""Load: the loading of a robot by its name or from a description."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def _mirror(model: mujoco.MjModel, joints: Sequence[str], description: Descripti
     except UserError as error:
         if description.symmetric:
             raise
-        notice(f"{error} It learns without a mirror; symmetric = false in its description says so for good.")
+        notice(f"{error} It learns without a mirror; symmetric = false in its description makes this permanent.")
         return none, False
 
 

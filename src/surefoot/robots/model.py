@@ -1,4 +1,4 @@
-"""Model: a robot's MJCF file as MuJoCo takes it, with the floor, the motors and the soles that its description adds."""
+"""Model: a robot's compiled MJCF file, with the floor, the motors and the soles that its description adds."""
 
 from __future__ import annotations
 

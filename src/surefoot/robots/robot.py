@@ -1,4 +1,4 @@
-"""Robot: what every other module knows of a machine."""
+"""Robot: the facts of a machine for every other module."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The task: what a policy sees, does and earns, and who is pushed when."""
+"""Task: the observations, actions and rewards of a policy, and the pushes of the robots."""

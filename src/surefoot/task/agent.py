@@ -1,4 +1,4 @@
-"""Agents: whoever decides what the joints of a batch of robots do, as the control loop knows them."""
+"""Agents: the interface by which the control loop asks for the joint targets of a batch of robots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Control loop: what stands between whoever decides and the joints at 500 Hz, for a batch of robots.
+"""Control loop: the steps between an agent's decisions and the joints at 500 Hz, for a batch of robots.
 
 Decisions become joint targets along a path, pushes become wrenches, ticks become what the agent is given next. The
 environment and the evaluation differ only in what they make of the ticks.

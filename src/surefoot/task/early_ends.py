@@ -1,4 +1,4 @@
-"""Early ends: what ends an episode beside a fall, so that a policy learns to do without it.
+"""Early ends: the events beside a fall that end an episode, so that a policy learns to avoid them.
 
 A forbidden thing that ends an episode costs all that could still have been earned. A penalty would have to be weighed
 against the reward instead, and be large enough to matter without making a recovery worth less than a fall

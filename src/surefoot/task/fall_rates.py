@@ -1,4 +1,4 @@
-"""Fall rates: how often robots fell lately after which pushes, so that training can go where some of them fall."""
+"""Fall rates: recent rates of falls by push, so that training can choose pushes that make some robots fall."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Guard: asks an agent, and keeps a batch of trials running when the agent fails some of its robots."""
+"""Guard: the calls of an agent, which keep a batch of trials running when the agent fails some robots."""
 
 from __future__ import annotations
 

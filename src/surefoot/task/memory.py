@@ -1,4 +1,4 @@
-"""Memory: the observations and actions of the last policy steps, for policies that take more than the present."""
+"""Memory: the observations and actions of the last policy steps, for policies that use more than the present."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observation: what the policy sees, as an ordered table of named, heading-invariant quantities.
+"""Observation: the policy's input, as an ordered table of named, heading-invariant quantities.
 
 The vector of Yang et al. 2018, section IV-C, in R^47 for the paper's robot: positions are relative to the root, and
 every vector is turned into the heading frame (the world turned by the root's yaw). Units are rad, m, m/s and rad/s;

@@ -1,4 +1,4 @@
-"""Privileged observation: what only the critic sees, in training (asymmetric actor and critic, Pinto et al. 2017).
+"""Privileged observation: the input of the critic alone in training (asymmetric actor and critic, Pinto et al. 2017).
 
 A push that a critic does not expect is noise in its estimates of all states shortly before it. The same holds for a
 push that is harder than it looks because it comes at the torso.

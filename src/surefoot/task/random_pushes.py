@@ -1,4 +1,4 @@
-"""Disturbance: pushes as data, and who gets one when."""
+"""Random pushes: the pushes of training episodes, drawn at random for each robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State: what a controller is told of the robots, by name and in SI units."""
+"""State: the quantities of the robots that a controller receives, by name and in SI units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Terms: what a policy's contract takes for granted of its robot and of the loop, spelled out for a stranger.
+"""Terms: the assumptions of a policy's contract on its robot and the loop, spelled out for other runtimes.
 
 A policy file carries them beside its contract. Surefoot itself has a description of the robot and reads nothing from
 them; a stranger needs no other source than the file and docs/policy-file.md.

@@ -1,4 +1,4 @@
-"""Body meshes: the robot's visible shapes as one GLB per body, in the model's own colours."""
+"""Body meshes: the robot's visible shapes, with one GLB file per body in the model's own colours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Browser: the machine's own chromium, headless, for the page's tests and its screenshots."""
+"""Browser: the machine's own Chromium, run headless for the page's tests and screenshots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the browser draws: floor, light, robots, and the forces and points that decide whether they fall."""
+"""Browser scene: the floor, light and robots, and the forces and points that decide whether they fall."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clip: the last seconds of a played robot as a film, drawn without any browser."""
+"""Clip: a film of a played robot's last seconds, drawn without a browser."""
 
 from __future__ import annotations
 

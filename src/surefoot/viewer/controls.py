@@ -1,4 +1,4 @@
-"""Controls: the panel of buttons and sliders, and the keys. What they ask for is done by somebody else."""
+"""Controls: the panel of buttons and sliders, and the keys; other modules carry out their requests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deeds: what was done to the robots last, and what became of them, for the list on the live page."""
+"""Deeds: the last actions on the robots and their results, for the list on the live page."""
 
 from __future__ import annotations
 

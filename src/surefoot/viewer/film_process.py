@@ -1,4 +1,4 @@
-"""Film process: draws the live page's film, so that the page itself need not: python -m surefoot.viewer.film_process.
+"""Film process: the separate process that draws the live page's film: python -m surefoot.viewer.film_process.
 
 It reads a robot's name and the shots from standard input, and writes a line to standard output for every picture drawn.
 """

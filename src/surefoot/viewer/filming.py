@@ -1,4 +1,4 @@
-"""Filming: one film at a time, drawn by a process of its own, which can be cancelled."""
+"""Filming: the drawing of one film at a time in a separate process, which can be cancelled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Guard: who may open the live page, which of its browsers' messages are heard, and how much waits for one of them.
+"""Guard: the checks of who may open the live page and of its browsers' messages, and the limit of their buffers.
 
 Every web page that a browser shows may send requests to servers on the same machine. So a request must carry the token
 that only the address has which `surefoot play` prints, name this server as its host, and come from a page of this

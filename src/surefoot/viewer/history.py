@@ -1,4 +1,4 @@
-"""History: the last seconds of the robot that is watched, for the curves of the live page."""
+"""History: the last seconds of the watched robot, for the curves of the live page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Live panel: what stands beside the scene: verdict, strategies, CoM and capture point, attitude, joint torques."""
+"""Live panel: the panel beside the scene, with verdict, strategies, CoM and capture point, attitude, joint torques."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Marks: the forces and points of the live page's scene, and the colours of what becomes of a robot."""
+"""Marks: the forces and points of the live page's scene, and the colours of a robot's verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Playback: what a robot did, kept policy step by policy step, to be seen again on the live page."""
+"""Playback: the motion of a robot, kept for every policy step and shown again on the live page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Player: a session in real time, and everything that is done to it, in one thread.
+"""Player: one thread that runs a session in real time and carries out every action on it.
 
 Browsers answer in threads of their own; what they ask for is put in line (`do`) and done between two frames, so that
 nothing else needs a lock.

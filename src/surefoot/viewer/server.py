@@ -1,4 +1,4 @@
-"""Server: where the live page listens, how it is lit, and from where one looks at it."""
+"""Server: the address, the light and the camera of the live page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Session: robots that live on while somebody pushes, drags, drops and resets them. Knows nothing of any page."""
+"""Session: the robots that users push, drag, drop and reset, independent of any page."""
 
 from __future__ import annotations
 

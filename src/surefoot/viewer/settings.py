@@ -1,4 +1,4 @@
-"""Settings: controls of the page whose values are checked before anybody uses them.
+"""Settings: the controls of the page, whose values are checked before use.
 
 A browser can send any value. One that does not fit is put back in all browsers, and who sent it is told.
 """

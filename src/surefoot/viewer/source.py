@@ -1,4 +1,4 @@
-"""Source: where the policy that is played comes from, and whether it has become better meanwhile."""
+"""Source: the origin of the played policy, and the check for a newer version of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Verdict: is a robot that somebody pushes at will standing, recovering, recovered or fallen? And how often so far.
+"""Verdict: the state of a pushed robot (standing, recovering, recovered or fallen), and counts of these.
 
 The words are those of a trial (`docs/method.md`), except that nobody waits for ten seconds: a robot has recovered once
 it has been upright and slow for 2 s, as in the trials that need not run to their horizon.

@@ -1,4 +1,4 @@
-"""Foreign policies: networks that were learned elsewhere, driven as their makers meant them to be."""
+"""Foreign policies: networks that were trained elsewhere, driven as their makers intended."""
 
 from surefoot.agents.foreign.interface import Interface, Term
 from surefoot.agents.foreign.network import Network

@@ -1,4 +1,4 @@
-"""Interface: what a foreign network takes and answers, so that whoever drives it needs nothing else."""
+"""Interface: the inputs and outputs of a foreign network, with all that is needed to drive it."""
 
 from __future__ import annotations
 

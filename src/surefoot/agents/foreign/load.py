@@ -1,4 +1,4 @@
-"""Load: a foreign policy from its file, as an agent."""
+"""Load: the making of an agent from a foreign policy's file."""
 
 from __future__ import annotations
 

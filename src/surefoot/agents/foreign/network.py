@@ -1,4 +1,4 @@
-"""Network: a foreign ONNX file, run for many robots at once by onnxruntime and by nothing else."""
+"""Network: a foreign ONNX file, run by onnxruntime alone for many robots at once."""
 
 from __future__ import annotations
 

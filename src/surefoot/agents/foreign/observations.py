@@ -1,4 +1,4 @@
-"""Observations: what foreign networks are given, under the names that mjlab, Isaac Lab and others use for them."""
+"""Observations: the inputs of foreign networks, under the names that mjlab, Isaac Lab and others use."""
 
 from __future__ import annotations
 

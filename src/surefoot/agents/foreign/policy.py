@@ -1,4 +1,4 @@
-"""ForeignPolicy: a network that was learned elsewhere, as a controller."""
+"""ForeignPolicy: a network that was trained elsewhere, as a controller."""
 
 from __future__ import annotations
 
