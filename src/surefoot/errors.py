@@ -6,7 +6,7 @@ import sys
 
 
 class UserError(ValueError):
-    """Something a user gave is wrong: the message is one line that names the value and the valid ones."""
+    """An error in a user's input. Its message is one line that names the value and the valid ones."""
 
     def __init__(self, message: str):
         super().__init__(" ".join(message.splitlines()))

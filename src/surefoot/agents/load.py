@@ -23,15 +23,15 @@ NOMINAL = "nominal"
 
 
 def load_agent(name: str, robot: Robot | None = None) -> Agent:
-    """Load whoever is meant by a name: `controllers/NAME`, `FILE.py:CLASS`, "nominal", or a policy of ours or foreign.
+    """Load an agent by its name: `controllers/NAME`, `FILE.py:CLASS`, "nominal", or our own or a foreign policy.
 
     Args:
-        name: as a user gives it.
-        robot: the robot to be driven; without it, the one that a policy was learned for, and for all others that of
-            the shipped policy "best".
+        name: name of the agent, as a user gives it.
+        robot: the robot to drive. The default is the robot for which a policy was trained; for other agents it is that
+            of the shipped policy "best".
 
     Raises:
-        UserError: there is none of this name, it cannot be run, or it is a policy for another robot.
+        UserError: there is no agent of this name, it cannot be run, or it is a policy for another robot.
     """
     if is_foreign(name):
         return load_foreign(name, robot or usual_robot())
@@ -76,11 +76,11 @@ def load_policy(name: str | Path) -> NetworkAgent:
     """Read a policy that comes with the package, a policy file, or the best policy of a run folder.
 
     Args:
-        name: a shipped policy's ("best", "ddpg", "ppo" or "trpo"), the path of a policy file
-            (.onnx), or of a run folder.
+        name: name of a shipped policy ("best", "ddpg", "ppo" or "trpo"), or path of a policy file (.onnx) or of a run
+            folder.
 
     Returns:
-        The policy: `contract` says what it observes and answers, `robot` which robot it moves, and
+        The policy. Its `contract` describes its inputs and outputs, `robot` is the robot that it moves, and
         `actions(observations)` runs its network.
 
     Raises:

@@ -28,17 +28,17 @@ class PushRecoveryBatch(PushRecoveryVectorEnv):
 
     Args:
         num_envs: number of robots N.
-        config: the task; without it, the one that the preset `fast` learns.
-        robot: a shipped robot's name or the path of a description, to which the default task is scaled; not beside
-            `config`, which names its robot.
+        config: the task. The default is that of the preset `fast`.
+        robot: a shipped robot's name or the path of a description, to which the default task is scaled. It cannot
+            be given together with `config`, which names its robot.
         render_mode: "rgb_array" for pictures, None for none.
         autoreset_mode: when the next episode of a robot starts. NEXT_STEP: in the step after the end, whose action is
-            of no account (what most of gymnasium's wrappers ask for). SAME_STEP: in the step of the end, whose last
+            ignored (most of gymnasium's wrappers need this). SAME_STEP: in the step of the end, whose last
             observation is `final_obs` of the info. DISABLED: when the caller resets it by
             ``reset(options={"reset_mask": ...})``, bool (N,); until then its reward is 0.
-        width: of each robot's picture [pixels].
-        height: of each robot's picture [pixels].
-        num_threads: of the physics; 0 for one per core.
+        width: width of each robot's picture [pixels].
+        height: height of each robot's picture [pixels].
+        num_threads: number of threads of the physics; 0 for one per core.
 
     Raises:
         UserError: there is no such robot, render mode or autoreset mode.

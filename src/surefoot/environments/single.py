@@ -23,11 +23,11 @@ class PushRecoveryEnv(gym.Env[np.ndarray, np.ndarray]):
     The info of a step holds the mean of every term of the reward, by the term's name.
 
     Args:
-        config: the task; without it, the one that the preset `fast` learns.
+        config: the task. The default is that of the preset `fast`.
         robot: a shipped robot's name or the path of a description; the task is scaled to it.
         render_mode: "rgb_array" for pictures, None for none.
-        width: of the pictures [pixels].
-        height: of the pictures [pixels].
+        width: width of the pictures [pixels].
+        height: height of the pictures [pixels].
 
     Raises:
         UserError: there is no such robot or render mode.
@@ -59,7 +59,7 @@ class PushRecoveryEnv(gym.Env[np.ndarray, np.ndarray]):
         return observations[0], info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Advance by one policy step of 40 ms; after an end the caller resets, as gymnasium has it."""
+        """Advance by one policy step of 40 ms; after an end the caller resets, as usual in gymnasium."""
         observations, rewards, terminated, truncated, _ = self.batch.step(as_numbers(action)[None])
         means = dict(self.batch.reward_means)
         return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), means

@@ -134,22 +134,21 @@ def evaluate(
     engine: str = DEFAULT_ENGINE,
     executor: Executor | None = None,
 ) -> list[Threshold]:
-    """Find how hard a disturbance an agent survives, by the one definition of success (docs/method.md).
+    """Find the hardest disturbances that an agent survives, by the one definition of success (docs/method.md).
 
     Args:
         agent: a policy or a controller, or its name as `load_agent` takes it.
         suite: "push", "paper", "robustness", "ring", a scenario file (.toml), or scenarios of your own, whose sizes
             and directions stay as they are.
         directions: number of evenly spaced directions of the pushes at the root, and of all pushes of the suite ring;
-            the suite's own without it.
-        results: results table (SQLite) to be filled; trials that it holds already are not run again. Without it
-            nothing is kept.
-        on_progress: told after every trial.
+            the default is the suite's own number.
+        results: results table (SQLite) to fill; trials already in it are not run again. Without it nothing is kept.
+        on_progress: called after every trial.
         engine: name of the physics engine: "mujoco" or "pybullet".
-        executor: whose workers run the trials, see `open_executor`; this process without it.
+        executor: executor of the trials, see `open_executor`. The default is this process.
 
     Returns:
-        The largest size that holds along each line that is searched, once with any joint speeds and once within the
+        The largest size that holds along each searched line, once with any joint speeds and once within the
         joints' limits: `line.scenario.name`, `line.name` (the direction), `size` [Ns, m or deg], `recovered`, `trials`.
 
     Raises:

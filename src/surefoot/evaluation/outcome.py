@@ -9,22 +9,22 @@ from surefoot.robots import Robot
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a trial.
+    """The outcome of a trial.
 
     Attributes:
-        recovered: by the one definition of success (`docs/method.md`).
-        reason: "recovered", "fell", "restless" (CoM too fast at the end), "tilted" or "diverged"; or how its controller
-            failed: "raised", "not finite", "wrong shape" or "too late".
-        seconds: from the beginning of the disturbance to the end of the trial; negative if that came before.
-        foot_shift: farthest that a foot came from its place at the disturbance [m].
-        com_speed: mean over the judged time [m/s]; NaN if the trial ended before.
+        recovered: whether the robot recovered, by the one definition of success (`docs/method.md`).
+        reason: "recovered", "fell", "restless" (CoM too fast at the end), "tilted" or "diverged"; or the failure of
+            its controller: "raised", "not finite", "wrong shape" or "too late".
+        seconds: time from the beginning of the disturbance to the end of the trial; negative if the trial ended first.
+        foot_shift: largest distance of a foot from its place at the disturbance [m].
+        com_speed: mean speed over the judged time [m/s]; NaN if the trial ended before.
         root_tilt: largest angle of the root from upright since the disturbance began [rad].
         ankle, hip, foot_tilt, steps: the strategies (`surefoot.evaluation.strategies`); steps are counted.
-        quiet_drift: farthest that the CoM came, horizontally, from where it was when the quiet time began [m].
+        quiet_drift: largest horizontal distance of the CoM from its place at the beginning of the quiet time [m].
         quiet_power: mean of sum |torque * velocity| over the quiet time [W].
         quiet_steps: steps in the quiet time. These three are NaN for a trial that ended before its horizon.
-        torque_ratio, speed_ratio: largest share of a joint's torque and speed limit that was used.
-        sustained_speed_ratio: largest share of a joint's speed limit that its mean speed over 10 ms used.
+        torque_ratio, speed_ratio: largest used share of a joint's torque and speed limit.
+        sustained_speed_ratio: the same share for the mean speed over 10 ms.
         torque_peaks, speed_peaks: largest torque [Nm] and speed [rad/s] by joint group.
         saturated_s: time that the most saturated joint of each group was at its torque limit [s].
     """

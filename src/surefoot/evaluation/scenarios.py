@@ -41,24 +41,24 @@ UNITS = {"impulse": "Ns", "height": "m", "tilt": "deg"}
 
 @dataclass(frozen=True)
 class Scenario:
-    """One test: a disturbance, under what conditions, and what is asked for. These are the keys of a scenario file.
+    """One test: a disturbance, its conditions and the searched quantity. Its attributes are a scenario file's keys.
 
     Attributes:
-        name: key of its figures.
-        search: what is searched for its largest recovered value: "impulse" [Ns], "height" [m] or "tilt" [deg];
+        name: name of the scenario, which is the key of its figures.
+        search: quantity whose largest recovered value is searched: "impulse" [Ns], "height" [m] or "tilt" [deg];
             "" runs a fixed disturbance instead.
-        directions: of push and tilt: names (forward, left, backward, right), degrees counter-clockwise from +x, or
-            how many, evenly spaced.
-        body, lever, duration: of the push, see `Push`.
-        impulse: of the push if it is not searched [Ns].
+        directions: directions of push and tilt: names (forward, left, backward, right), degrees counter-clockwise from
+            +x, or a number of evenly spaced directions.
+        body, lever, duration: the same of the push, see `Push`.
+        impulse: impulse of the push if it is not searched [Ns].
         drop: height from which the robot is dropped, if it is not searched [m].
-        preceding_impulse: of a push before the other one [Ns]; 0 for none.
+        preceding_impulse: impulse of a push before the main one [Ns]; 0 for none.
         preceding_upward: the preceding push lifts the robot instead of pushing it in the same direction.
-        push_interval: range of the time from the preceding push's start to the other's [s]; drawn by the seed.
-        without_step: recovered only counts if no foot left its place.
-        within_limits: recovered only counts if no joint exceeded its speed limit, see `Protocol`.
-        half: search the impulse that half of the trials survive, J50, instead of the largest one that holds.
-        trials: per direction, if nothing is searched.
+        push_interval: range of the time from the preceding push's start to the main one's [s]; drawn by the seed.
+        without_step: count a trial as recovered only if no foot left its place.
+        within_limits: count a trial as recovered only if no joint exceeded its speed limit, see `Protocol`.
+        half: search J50, the impulse that half of the trials survive, instead of the largest one that holds.
+        trials: number of trials per direction, if nothing is searched.
         horizon, quiet_from: see `Trial` [s].
         observation_noise, action_noise, sensor_bias, latency: see `Imperfections`.
         friction, mass_scale, motor_strength, slope_deg, uphill_deg, physics_hz: see `DomainParameters` [deg].

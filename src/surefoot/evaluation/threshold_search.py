@@ -39,10 +39,10 @@ class Threshold:
     """The largest recovered size along a line: the rejected impulse, the height or the tilt.
 
     Attributes:
-        size: in the scenario's unit; 0 if not even the smallest cell holds.
-        trials, recovered: full-length trials at that size, and how many recovered (0 of 0 at a size of 0).
+        size: size in the scenario's unit; 0 if not even the smallest cell holds.
+        trials, recovered: number of full-length trials at that size, and of those that recovered (0 at a size of 0).
         low, high: Wilson 95 % interval of the recovered share there.
-        limited_by: what stopped it: "gives way", "share" or "search".
+        limited_by: reason why the size is not larger: "gives way", "share" or "search".
     """
 
     line: Line

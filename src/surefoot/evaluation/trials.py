@@ -38,18 +38,18 @@ NO_PUSH = Push()
 class Trial:
     """One disturbance of one robot.
 
-    Starts of pushes are counted from the end of the settling time, or from the release of a dropped robot.
+    The start of a push is counted from the end of the settling time, or from the release of a dropped robot.
 
     Attributes:
-        push: one of 0 Ns disturbs nothing; the disturbance then begins where the push would have.
-        seed: draws the start angles, the push's start within the policy step, noise and bias.
-        full_length: runs to its horizon; otherwise it may end as recovered once the robot stands quietly.
-        preceding: a push before the other, or at the same time.
+        push: the push. A push of 0 Ns disturbs nothing; the disturbance then begins when the push would have begun.
+        seed: seed of the start angles, the push's start within the policy step, noise and bias.
+        full_length: run to the horizon. Otherwise the trial may end as recovered once the robot stands quietly.
+        preceding: a push before the main push, or at the same time.
         drop: the robot begins in the air, without a settling time.
-        imperfections: of sensors and actuators.
-        domain: what it stands on and is made of; the same for all trials of a batch.
-        horizon: from the beginning of the disturbance to the verdict [s].
-        quiet_from: quiet standing is measured from this time after the beginning of the disturbance on [s].
+        imperfections: imperfections of sensors and actuators.
+        domain: properties of the ground and the robot; the same for all trials of a batch.
+        horizon: time from the beginning of the disturbance to the verdict [s].
+        quiet_from: time after the beginning of the disturbance from which quiet standing is measured [s].
     """
 
     push: Push = NO_PUSH
@@ -106,10 +106,10 @@ def run_trial(policy: Agent, trial: Trial) -> Outcome:
 
     Args:
         policy: the agent that moves the robot.
-        trial: what happens to it: a push, a drop, noise, the ground.
+        trial: the conditions: a push, a drop, noise, the ground.
 
     Returns:
-        How it went: `recovered` and `reason`, then steps, strategies, and what was used of the joints' limits.
+        The outcome: `recovered` and `reason`, steps, strategies, and the used share of the joints' limits.
     """
     return run_list(policy, [trial], num_slots=1, domain=trial.domain)[trial]
 

@@ -109,21 +109,21 @@ def policy_from(
     config: EnvConfig | None = None,
     activation: str | None = None,
 ) -> NetworkAgent:
-    """Make a policy of an actor that learned in this package's environment by another library.
+    """Make a policy from an actor that another library trained in this package's environment.
 
     Args:
-        source: a checkpoint of stable-baselines3 (.zip), rsl_rl or skrl (.pt); what `torch.load` gives of one; or a
+        source: a checkpoint of stable-baselines3 (.zip), rsl_rl or skrl (.pt); the result of `torch.load` on one; or a
             model of stable-baselines3.
         robot: the robot that it moves, if there is no config. The default is Valkyrie.
-        config: the task that it learned, for its robot, pose and action scale; without it, that of
+        config: the task that it learned, for its robot, pose and action scale. The default is that of
             `gymnasium.make("surefoot/PushRecovery-v0")`.
-        activation: between its layers; the library's usual one without it, of a model its own.
+        activation: activation between its layers. The default is the library's usual one, or a model's own.
 
     Returns:
         The policy; its attribute `data` holds the bytes of its file.
 
     Raises:
-        UserError: the source is no such thing, or the actor does not fit the robot.
+        UserError: the source is none of these, or the actor does not fit the robot.
     """
     config = config or default_config(robot)
     actor = read_actor(source, activation)
@@ -161,12 +161,12 @@ def read_actor(source: str | Path | State | Any, activation: str | None = None) 
 
 
 def state_dict(policy: NetworkAgent, layout: str) -> dict[str, Any]:
-    """A policy's network as a checkpoint of another library, with the actor alone.
+    """Return a policy's network as a checkpoint of another library, with the actor alone.
 
     The normalisation of the observation is inside the first layer, so the library must not normalise.
 
     Args:
-        policy: whose network it is.
+        policy: the policy with the network.
         layout: a key of `LAYOUTS`.
 
     Raises:
@@ -189,7 +189,7 @@ def state_dict(policy: NetworkAgent, layout: str) -> dict[str, Any]:
 
 
 def put_policy(policy: NetworkAgent, model: Any) -> None:
-    """Give a model of stable-baselines3 the network of a policy; its critic stays.
+    """Copy the network of a policy into a model of stable-baselines3, which keeps its critic.
 
     Raises:
         UserError: the model's actor has other layers.

@@ -37,9 +37,9 @@ def preset(name: str, algorithm: str) -> TrainConfig:
     """Return the preset for an algorithm.
 
     Args:
-        name: a shipped preset's, "PRESET/STAGE" for a stage of one, or a TOML file of your own.
-        algorithm: "trpo", "ppo" or "ddpg"; it is of no account for the stages of `best`. A file of your own may have a
-            table for "dagger", too.
+        name: name of a shipped preset, "PRESET/STAGE" for a stage of one, or a TOML file of your own.
+        algorithm: "trpo", "ppo" or "ddpg"; it is ignored for the stages of `best`. A file of your own may also have a
+            table for "dagger".
 
     Raises:
         UserError: there is no such preset, stage or algorithm, or a key of the file is wrong.

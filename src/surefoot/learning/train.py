@@ -238,17 +238,17 @@ def train(
     """Run a training to its end: in a new folder, or in one that the same call began and that was interrupted.
 
     Args:
-        config: what to learn.
-        path: of the run folder.
-        resume: go on with the folder's run, whose configuration may be another one: with a larger budget, for example.
+        config: the configuration of the training.
+        path: path of the run folder.
+        resume: continue the folder's run, with a configuration that may differ, for example by a larger budget.
         on_progress: called a few times a second.
-        start: a run folder whose networks a new run begins with, or a policy (a shipped one's name or a file); a
-            run that is resumed before its first checkpoint knows it. A student begins with another student only.
-        log: where the figures go beside the learning curve; a student keeps that one only.
-        crew: workers that move the robots; this process without it. A student has none.
+        start: run folder or policy (a shipped one's name or a file) with whose networks a new run begins. A run that is
+            resumed before its first checkpoint knows it. A student can begin with another student only.
+        log: destination of the figures beside the learning curve; a student writes the learning curve only.
+        crew: workers that move the robots. The default is this process. A student has none.
 
     Raises:
-        UserError: a folder or policy is not fit for it.
+        UserError: a folder or policy is not suitable.
         KeyboardInterrupt: on Ctrl-C, after a checkpoint.
     """
     start = start or config.begin_with or None

@@ -23,10 +23,10 @@ class Push:
         body: a pushable body of the robot.
         direction: unit vector in the world frame; robots start facing +x.
         impulse: force x duration [Ns].
-        start: seconds after the trial's beginning.
-        duration: [s].
-        lever: where the force acts: so far above (or, negative, below) the robot's CoM [m] as both are in the nominal
-            pose; without it, at the body's own CoM. The line of action keeps its height relative to the body.
+        start: time after the beginning of the trial [s].
+        duration: duration of the force [s].
+        lever: height of the force above the robot's CoM in the nominal pose [m]; negative values are below it. The
+            default is the body's own CoM. The line of action keeps its height relative to the body.
     """
 
     body: str = "root"
@@ -42,9 +42,9 @@ def horizontal_push(body: str, angle_deg: float, impulse: float, duration: float
 
     Args:
         body: "root", or another pushable body of the robot.
-        angle_deg: of the direction, counter-clockwise from forward (+x): 90 pushes to the left [deg].
+        angle_deg: angle of the direction, counter-clockwise from forward (+x): 90 pushes to the left [deg].
         impulse: force x duration [Ns].
-        duration: how long the constant force acts [s].
+        duration: duration of the constant force [s].
     """
     angle = np.radians(angle_deg)
     return Push(body, (float(np.cos(angle)), float(np.sin(angle)), 0.0), impulse, 0.0, duration)
@@ -55,8 +55,8 @@ class Drop:
     """A fall from a height in the nominal pose.
 
     Attributes:
-        height: of the lowest corner of the soles above the floor [m].
-        roll, pitch: of the whole robot at its release [rad].
+        height: height of the lowest corner of the soles above the floor [m].
+        roll, pitch: roll and pitch of the whole robot at its release [rad].
     """
 
     height: float

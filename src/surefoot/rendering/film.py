@@ -76,14 +76,14 @@ def save_video(
     """Write a film of a trial as .mp4 (H.264) or .gif.
 
     Args:
-        path: of the film.
-        recording: what is shown.
+        path: path of the film.
+        recording: the recorded trial.
         fps: pictures per second.
         size: width and height [pixels]; even for .mp4.
         options: `begin`, `end` and `speed` of `frames`.
 
     Raises:
-        UserError: the suffix or the size will not do, the file cannot be written, or there is no OpenGL to draw with.
+        UserError: the suffix or size is not supported, the file cannot be written, or there is no OpenGL to draw with.
     """
     write_film(path, frames(recording, fps, size, **options), fps, size)
 

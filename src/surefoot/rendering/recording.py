@@ -50,12 +50,12 @@ class Recording:
 
 
 def record(policy: Agent, trial: Trial, fps: int = 50, engine: str = DEFAULT_ENGINE) -> Recording:
-    """Run one trial and keep what a picture shows of it.
+    """Run one trial and record it for pictures.
 
     Args:
-        policy: who acts.
-        trial: what is run.
-        fps: moments per second of simulated time.
+        policy: the agent.
+        trial: the trial to run.
+        fps: number of recorded moments per second of simulated time.
         engine: name of the physics engine.
 
     Raises:

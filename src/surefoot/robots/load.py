@@ -43,7 +43,7 @@ def load_robot(name: str | Path) -> Robot:
         name: a shipped robot's name, or the path of a description (.toml).
 
     Raises:
-        UserError: there is no such robot, or its description or model is wrong; the message names what.
+        UserError: there is no such robot, or its description or model is wrong; the message names the fault.
     """
     return _load(_file(name), str(name))
 

@@ -34,25 +34,25 @@ class Robot:
     Arrays over joints are (num_joints,) float64 in the order of the kinematic tree, in rad, Nm, Nm/rad and Nms/rad.
 
     Attributes:
-        name: by which it is loaded: a shipped robot's, or the path of its description.
-        title: how people call it.
-        build: makes a new MuJoCo specification of the model, floor and motors included.
+        name: name by which it is loaded: a shipped robot's name, or the path of its description.
+        title: name for readers.
+        build: function that makes a new MuJoCo specification of the model, including floor and motors.
         joint_names: controlled joints; every other joint is welded.
         joint_groups: for each joint, the name that it shares with its mirror image.
-        joint_lower, joint_upper: ranges.
-        stiffness, damping: of the joint impedance.
-        torque_limit, velocity_limit: of the motors; the latter in rad/s.
+        joint_lower, joint_upper: joint ranges.
+        stiffness, damping: gains of the joint impedance.
+        torque_limit, velocity_limit: limits of the motors; the latter in rad/s.
         poses: named nominal poses, (num_joints,) joint angles.
-        default_pose: name of the one that is used where none is asked for.
+        default_pose: name of the pose that is used by default.
         root: name of the floating body.
         torso: name of the body that is kept upright.
         body_names: all moving bodies, the root first; a wrench's body is an index into them.
         pushable: word -> body that may be pushed under it; "root" is always one of the words.
         feet: bodies of the left and of the right foot.
         sole_half_size: half length (x) and half width (y) of a sole [m].
-        leg_length: from the hip's first joint to the sole [m].
-        mass: [kg].
-        gravity: [m/s^2].
+        leg_length: length from the hip's first joint to the sole [m].
+        mass: total mass [kg].
+        gravity: gravitational acceleration [m/s^2].
         load_unit: unit of the foot forces in the observation [N].
         mirror_source, mirror_sign: a mirrored vector over the joints is ``mirror_sign * vector[mirror_source]``.
         body_mirror: body -> its mirror image.
@@ -91,7 +91,7 @@ class Robot:
 
     @property
     def num_joints(self) -> int:
-        """How many joints are controlled."""
+        """Number of controlled joints."""
         return len(self.joint_names)
 
     @functools.cached_property

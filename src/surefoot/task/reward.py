@@ -59,11 +59,11 @@ class Term(NamedTuple):
     """One term of the reward.
 
     Attributes:
-        function: value of every tick (num_robots, num_ticks), or of the whole policy step (num_robots,), of a
-            `StepRecord` and a `RewardContext`.
-        weight: of the term; None if `RewardContext.penalty_weights` has it.
+        function: function of a `StepRecord` and a `RewardContext` that returns the value of every tick
+            (num_robots, num_ticks) or of the whole policy step (num_robots,).
+        weight: weight of the term; None if `RewardContext.penalty_weights` has it.
         alpha: the term is weight * exp(-alpha * value^2); None for a penalty of weight * value.
-        scale: the robot's scale in which the value is measured before `alpha` is applied; 1 without it.
+        scale: the robot's scale in which the value is measured before `alpha` is applied. The default is 1.
     """
 
     function: Callable[[StepRecord, RewardContext], np.ndarray]
