@@ -1,4 +1,4 @@
-"""What the documentation site adds to docs/: pages from elsewhere in the repository, and the commands from the code.
+"""Site: additions to docs/ for the documentation site, namely pages from elsewhere and the commands from the code.
 
 mkdocs calls these functions (`hooks` in mkdocs.yml); `make docs` builds the site.
 """
@@ -65,7 +65,7 @@ def commands_page() -> str:
     from surefoot.cli.choices import option_texts, valid_values
     from surefoot.cli.commands import COMMANDS
 
-    parts = ["# Commands", "What `surefoot COMMAND --help` says, from the same source."]
+    parts = ["# Commands", "This page lists the options that `surefoot COMMAND --help` shows, from the same source."]
     for name, command in COMMANDS.items():
         parts += [f"## surefoot {name}", inspect.cleandoc(command.__doc__)]
         hints, texts = typing.get_type_hints(command, include_extras=True), option_texts(command)

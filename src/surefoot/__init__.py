@@ -1,7 +1,7 @@
 """surefoot: teach humanoid robots to keep their balance when pushed, and measure how hard a push they survive.
 
-What a script needs is here, by the names in `__all__`. Each is loaded when it is first used, so that
-``import surefoot`` stays light. Where gymnasium is installed, the import also makes its environment known there:
+The names in `__all__` are the interface for scripts. Each is loaded when it is first used, so that ``import surefoot``
+stays light. If gymnasium is installed, the import also registers the environment there:
 ``gymnasium.make("surefoot/PushRecovery-v0")``.
 """
 

@@ -1,7 +1,7 @@
 """Checks: the checks of input from outside, which are numbers, texts, values of files, and the files themselves.
 
-A command line, a file and a message of the live page are checked by the same functions, so that a number that one of
-them refuses is refused by all.
+The same functions check a command line, a file and a message of the live page, so that all of them refuse the same
+numbers.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """ONNX check: the checks of unknown ONNX files before anything runs them, so that their bytes alone define their work.
 
-A file that passes holds nothing but operators of a list, has no part of its own code, and cannot grow in memory beyond
-a limit. A policy of surefoot's refers to no other file; a foreign one may have its weights in a file beside it, which
-then is part of its digest. What does not pass is refused before onnxruntime sees it.
+A file that passes has only operators of a fixed list, brings no code of its own, and cannot grow in memory beyond a
+limit. A policy of surefoot refers to no other file. A foreign policy may have its weights in a file beside it, which is
+then part of its digest. All other files are refused before onnxruntime sees them.
 """
 
 from __future__ import annotations

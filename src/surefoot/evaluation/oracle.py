@@ -3,7 +3,7 @@
 The cross-entropy method (R. Y. Rubinstein 1999) searches offsets to an agent's joint targets, in a batch of robots with
 all limits in force. The offsets are given at knots and linear between them. All samples of an iteration are the same
 trial, and each iteration has another seed, so that a motion must work from different start angles and ticks of a push.
-What the oracle finds is possible; what it does not find may still be.
+A push that the oracle rejects is possible to reject. One that it does not may still be possible.
 """
 
 from __future__ import annotations

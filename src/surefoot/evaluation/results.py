@@ -1,7 +1,7 @@
 """Results: a typed table on disk of every trial and every threshold. SQLite: one file, safe to kill at any moment.
 
-Rows are keyed by the policy's digest and by the setup (protocol, robot, engine), so that an interrupted evaluation goes
-on where it was, and a changed robot never answers for an old one.
+Rows are keyed by the policy's digest and by the setup (protocol, robot, engine), so that an interrupted evaluation
+continues where it was, and results of a changed robot are never mixed with those of the old one.
 """
 
 from __future__ import annotations

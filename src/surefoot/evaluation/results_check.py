@@ -1,7 +1,7 @@
 """Results check: the checks of an unknown results table for our tables, columns and types.
 
 SQLite runs code that a file brings (views, triggers, defaults), and keeps a value of any type in a column of any type.
-What we did not write is therefore refused when a file is opened.
+Anything that surefoot did not write is therefore refused when a file is opened.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Ablations: the effect of each difference between the presets `paper` and `fast` on DDPG, left out one at a time.
 
-Every run has the same number of policy steps, so that its curve does not depend on what else the machine computes.
+Every run has the same number of policy steps, so that its curve does not depend on the load of the machine.
 """
 
 from __future__ import annotations

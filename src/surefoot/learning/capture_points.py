@@ -1,7 +1,7 @@
 """Capture points: the distances of the capture point that a policy still holds without a step.
 
-What a push was is over before a robot can tell it; where its capture point is, the robot sees. A border between two
-teachers that is drawn by it gives the same label to the same observation.
+A push is over before the robot can estimate it, but the robot observes its capture point. If the capture point defines
+the border between two teachers, the same observation always has the same label.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Crew: a learner that updates from the experience that workers elsewhere collect.
 
-On-policy, all workers collect a rollout by the same policy and the learner waits for them. Off-policy, they collect by
-the policy of before while the learner does the gradient steps that it owes, so that robots and gradients overlap, and
-the result does not depend on which of them is done first.
+On-policy, all workers collect a rollout with the same policy while the learner waits for them. Off-policy, they collect
+with the previous policy while the learner does its pending gradient steps. Robots and gradients thus overlap, and the
+result does not depend on the order in which they finish.
 """
 
 from __future__ import annotations

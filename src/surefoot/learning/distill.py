@@ -1,7 +1,7 @@
 """Distillation: one student from several teachers, by DAgger (Ross et al., 2011).
 
-The student acts, and the teacher that fits labels what it meets. Teachers see clearly; the student is given what its
-sensors tell it, with their noise, and its own past instead.
+The student acts, and the teacher that fits labels the states that it meets. Teachers receive the observation without
+noise. The student receives it with the noise of its sensors, and its own past in addition.
 """
 
 from __future__ import annotations

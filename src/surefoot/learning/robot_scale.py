@@ -1,8 +1,8 @@
 """Robot scale: a training run for another robot, with the pushes, heights, times and penalties that fit its size.
 
-A preset holds the numbers of one robot. Those of another one follow from its mass and the length of its legs as those
-of one dynamic motion do: under the same gravity, times and speeds go with the root of the length. Impulses go with the
-mass alone, as the protocol's do.
+A preset holds the numbers of one robot. The numbers of another robot follow from its mass and leg length by dynamic
+similarity: under the same gravity, times and speeds scale with the square root of the length. Impulses scale with the
+mass alone, as in the protocol.
 """
 
 from __future__ import annotations

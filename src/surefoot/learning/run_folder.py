@@ -1,17 +1,18 @@
 """Run folder: the files of a training run, written so that a kill or a full disk loses nothing older.
 
-beginning.json   what the run began with, and the speed by which its minutes became policy steps
+beginning.json   the origin of the run, and the speed by which its minutes were converted into policy steps
 config.json      the configuration
-checkpoint.npz   everything needed to go on (networks, optimisers, random generators; arrays and JSON, no pickle), and
-                 the newest content of the files below
+checkpoint.npz   everything needed to continue (networks, optimisers, random generators; arrays and JSON, no pickle),
+                 and the newest contents of the files below
 curve.csv        the learning curve: one row per validation
 best.onnx        the best policy by its validation
-last.onnx        the newest one
+last.onnx        the newest policy
 kept/*.onnx      every policy that was validated, by its minute
 events.out...    TensorBoard logs
 
-The checkpoint is the one point of commit: what follows it in this list is written after it, from what it holds, and
-written again when the run goes on. So a best policy, its score and its row of the curve can never disagree.
+A run commits its state only by writing the checkpoint. The files below it in this list are written after it, from its
+contents, and written again when the run continues. A best policy, its score and its row of the curve therefore always
+agree.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 FOLDER/stages.json   the configuration of every stage, in order
 FOLDER/STAGE/        the run folder of a stage
 
-A stage that has used up its budget is done. The same command goes on after an interruption: it skips what is done and
-resumes what was begun.
+A stage that has used up its budget is done. After an interruption the same command continues: it skips finished stages
+and resumes the one that was under way.
 """
 
 from __future__ import annotations

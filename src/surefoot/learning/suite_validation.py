@@ -1,7 +1,7 @@
 """Suite validation: held-out trials along every searched line of the suite `paper`, up to our target on each.
 
-The quick validation sees pushes at the root only, and a training run is after more. The suite validation tells for each
-scenario which share of the trials up to the target succeeds, so that one policy of many can be chosen.
+The quick validation covers pushes at the root only, but a training has further aims. The suite validation gives for
+each scenario the share of the trials up to the target that succeed, so that one policy of many can be chosen.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Takeover: an environment in which another policy drives robots that are beyond a border.
 
-A specialist for small pushes that learns so meets the stance and the motions from which the other policy goes on. One
-that learns alone finds a stance of its own, from which the other policy saves fewer robots.
+A specialist for small pushes that learns in this way meets the stance and the motions from which the other policy
+continues. A specialist that learns alone finds a stance of its own, from which the other policy saves fewer robots.
 """
 
 from __future__ import annotations

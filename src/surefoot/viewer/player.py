@@ -1,7 +1,7 @@
 """Player: one thread that runs a session in real time and carries out every action on it.
 
-Browsers answer in threads of their own; what they ask for is put in line (`do`) and done between two frames, so that
-nothing else needs a lock.
+Browsers are served in threads of their own. Their requests are queued (`do`) and carried out between two frames, so
+that nothing else needs a lock.
 """
 
 from __future__ import annotations

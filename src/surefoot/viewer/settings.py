@@ -1,6 +1,7 @@
 """Settings: the controls of the page, whose values are checked before use.
 
-A browser can send any value. One that does not fit is put back in all browsers, and who sent it is told.
+A browser can send any value. A value that does not fit is reset in all browsers, and the browser that
+sent it is notified.
 """
 
 from __future__ import annotations

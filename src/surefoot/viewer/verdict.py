@@ -1,7 +1,7 @@
 """Verdict: the state of a pushed robot (standing, recovering, recovered or fallen), and counts of these.
 
-The words are those of a trial (`docs/method.md`), except that nobody waits for ten seconds: a robot has recovered once
-it has been upright and slow for 2 s, as in the trials that need not run to their horizon.
+The words are those of a trial (`docs/method.md`), but without the wait of ten seconds: a robot has recovered once it
+has been upright and slow for 2 s, as in the trials that need not run to their horizon.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Wire: the messages that the page's browsers may send, with the range of every number in them.
 
-viser's own server hears any of its messages from any browser: one that sets an inner attribute of a slider, one that
-opens a tunnel to a server on the internet, uploads without end. Only those that the page needs are heard here. Whether
-a slider's value is in its range is checked where it is used, by `settings`.
+viser's own server accepts all of its messages from any browser, such as one that sets an inner attribute of a slider,
+one that opens a tunnel to a server on the internet, and uploads without end. Here only the messages that the page needs
+are accepted. `settings` checks that a slider's value is in its range.
 """
 
 from __future__ import annotations
