@@ -124,7 +124,7 @@ class NetworkAgent(ObservingAgent):
 
     @property
     def activation(self) -> str:
-        """What stands between the layers, a key of `policy_file.ACTIVATIONS`; tanh if there is one layer only."""
+        """The activation between the layers, a key of `policy_file.ACTIVATIONS`; tanh if there is one layer only."""
         words = {operator: word for word, operator in ACTIVATIONS.items()}
         return next((words[kind] for kind in self._operators()[:-1] if kind in words), "tanh")
 

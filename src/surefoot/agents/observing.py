@@ -11,7 +11,7 @@ from surefoot.task.contract import Contract
 
 
 class ObservingAgent:
-    """What networks and the nominal pose have in common: they see the observation, and remember nothing.
+    """The common part of networks and the nominal pose: they see the observation and remember nothing.
 
     Attributes:
         contract: what it assumes about the robot.

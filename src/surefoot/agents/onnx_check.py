@@ -25,7 +25,7 @@ MAX_ELEMENTS = 8_000_000
 """Of a tensor: the largest layer of a network of 2,800 units a layer."""
 MAX_NODES = 1_000
 OWN_OPERATORS = ("Gemm", "Tanh", "Relu", "Elu", "Identity")
-"""What networks that surefoot wrote consist of."""
+"""The operators of networks that surefoot wrote."""
 FOREIGN_OPERATORS = (
     "Gemm", "MatMul", "Conv", "LSTM", "GRU", "Add", "Sub", "Mul", "Div", "Neg", "Abs", "Sqrt", "Reciprocal", "Pow",
     "Exp", "Log", "Erf", "Sin", "Cos", "Min", "Max", "Clip", "Relu", "LeakyRelu", "PRelu", "Elu", "Selu", "Celu",
@@ -34,8 +34,8 @@ FOREIGN_OPERATORS = (
     "Identity", "Dropout", "Cast", "Constant", "Concat", "Split", "Slice", "Gather", "Reshape", "Flatten", "Squeeze",
     "Unsqueeze", "Transpose", "Shape", "Where", "Equal", "Less", "Greater", "Not", "And", "Or",
 )  # fmt: skip
-"""What exporters make of the networks that people train: none of these runs a subgraph or makes a tensor whose size it
-is told by numbers."""
+"""The operators that exporters write for trained networks. None of them runs a subgraph or makes a tensor whose size
+follows from its inputs' values."""
 _DOMAINS = ("", "ai.onnx")
 
 

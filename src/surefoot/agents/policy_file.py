@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 SUFFIX = ".onnx"
 ACTIVATIONS = {"tanh": "Tanh", "relu": "Relu", "elu": "Elu"}
-"""What may stand between the layers of a policy: its name, and its ONNX operator."""
+"""Activations between the layers of a policy: name and ONNX operator."""
 METADATA_KEY = "surefoot"
 """Of a policy file's metadata, under which its contract stands."""
 TERMS_KEY = "surefoot_terms"

@@ -167,7 +167,7 @@ def policy_step(robot: str = "", repeats: int = 3000) -> dict[str, float]:
 
 
 def live_page(num_robots: int, seconds: float, robot: str = "") -> dict[str, float]:
-    """What the live page could do with nothing else to wait for: simulate, judge, place all bodies, write messages.
+    """Measure the live page without any waiting: simulate, judge, place all bodies, write messages.
 
     Its headroom is how many times as fast it is as it has to be: frames per second over the 50 (25 for a crowd) of
     real time. What the browser draws is the browser's own affair.

@@ -100,7 +100,7 @@ def evaluate_agent(
         learned_minutes: of a policy that has only begun to learn: it is set beside others of that age, and not beside
             the lines to beat.
         engine: name of the physics engine.
-        executor: whose workers run the trials; this process without it.
+        executor: executor of the trials. The default is this process.
 
     Returns:
         Its metrics.

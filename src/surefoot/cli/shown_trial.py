@@ -18,7 +18,7 @@ def scenario_trial(robot: Robot, name: str, direction: str, size: float, seed: i
     """The full-length trial of a robot in a scenario.
 
     Args:
-        robot: whose trial it is.
+        robot: the robot of the trial.
         name: of the scenario, or FILE.toml:NAME.
         direction: of one of its lines.
         size: on the grid of what it searches; it means nothing if the scenario searches nothing.

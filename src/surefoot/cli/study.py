@@ -38,7 +38,7 @@ _TRAINED = ".trained"
 
 @dataclass(frozen=True)
 class Study:
-    """What is to be done, and where.
+    """The work of a study, and its folder.
 
     Attributes:
         minutes: of each training; the preset's without it.

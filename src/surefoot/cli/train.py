@@ -301,7 +301,7 @@ class Ablate(Work):
         console.print(ablation_table({name: curves[name] for name in names}).rich())
 
     def _names(self) -> list[str]:
-        """What to leave out, in today's words."""
+        """The parts to leave out, by their present names."""
         from surefoot.learning.ablations import LEFT_OUT, OLD_NAMES
 
         for name in self.without:

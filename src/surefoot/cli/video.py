@@ -45,7 +45,7 @@ class _Shown:
     """Seed of the start angles."""
 
     def agent(self) -> Agent:
-        """Who is shown."""
+        """The shown agent."""
         from surefoot.agents.load import load_agent
 
         return load_agent(self.policy, chosen_robot(self.robot))

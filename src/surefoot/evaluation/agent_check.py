@@ -35,7 +35,7 @@ FOLLOWS = 0.5
 
 @dataclass
 class WayResult:
-    """What became of the robots that were driven in one way.
+    """The outcome of robots that were driven in one way.
 
     Attributes:
         way: how they were driven.
@@ -75,7 +75,7 @@ class Range:
 
 @dataclass(frozen=True)
 class AgentCheck:
-    """What was found out about an agent.
+    """The results of an agent check.
 
     Attributes:
         given: what became of it as it is.

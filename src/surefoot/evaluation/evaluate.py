@@ -33,7 +33,7 @@ def push_lines(num_directions: int = 4, robot: Robot | None = None) -> list[Line
 
     Args:
         num_directions: how many.
-        robot: whose grid of impulses is searched; the paper's robot without it.
+        robot: robot whose grid of impulses is searched. The default is the paper's robot.
     """
     return Scenario("root_push", directions=num_directions).lines(protocol_for(robot) if robot else PROTOCOL)
 
@@ -83,7 +83,7 @@ def find_thresholds(
 
 @dataclass(frozen=True)
 class Evaluated:
-    """What an evaluation found.
+    """The results of an evaluation.
 
     Attributes:
         thresholds: of all lines that were searched.
@@ -111,7 +111,7 @@ def evaluate_and_store(
         scenarios: what it is tested in.
         results: the table, which this process alone writes.
         on_progress: told after every trial, or after every line that workers have done.
-        executor: whose workers run the trials; this process without it.
+        executor: executor of the trials. The default is this process.
         spent_s: time that was spent on it before [s].
     """
     began = time.monotonic() - spent_s

@@ -46,7 +46,7 @@ FIRST_SEED, CHECK_SEED = 8_000_000, 9_000_000
 
 @dataclass(frozen=True)
 class Possible:
-    """What the oracle found along a line.
+    """The oracle's result along a line.
 
     Attributes:
         line: along which the push grows.
@@ -104,7 +104,7 @@ def largest_possible(
     """Go up the grid from a cell, each search beginning with the last motion, until a size is not possible.
 
     Args:
-        agent: whose joint targets are moved.
+        agent: agent whose joint targets are varied.
         line: along which the push grows.
         first: cell of the first search; if it is not possible, smaller ones are tried.
         on_progress: told the size, the iteration and the share of the samples that succeeded.
@@ -159,7 +159,7 @@ def _search(
 
 
 def _cost(line: Line, outcome: Outcome) -> float:
-    """What is to be made small: falls, early ones most, then steps, joint speeds, and a CoM that does not rest."""
+    """The cost to minimise: falls, early ones most, then steps, joint speeds, and a CoM that does not rest."""
     if not np.isfinite(outcome.com_speed):
         return 100.0 - outcome.seconds
     cost = outcome.com_speed + outcome.root_tilt

@@ -18,7 +18,7 @@ from surefoot.robots import Robot
 class Protocol:
     """The definition of a trial, of success, of the strategies and of the search; SI units, angles in degrees.
 
-    Whoever changes a number raises `version`: results are kept with it, and those of another version are measured
+    A change of a number raises `version`: results are kept with it, and those of another version are measured
     anew. `tests/test_protocol.py` holds the fingerprint of the numbers of every version.
 
     Attributes:

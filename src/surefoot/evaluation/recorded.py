@@ -68,7 +68,7 @@ class _Recorder(TrialSource):
             self._records[slot].append(ticks[row : row + 1].copy())
 
     def recorded(self, num_joints: int) -> dict[Trial, RecordedTrial]:
-        """What was kept of each trial."""
+        """The record of each trial."""
         found = {}
         for trial, records in zip(self.trials, self._records, strict=True):
             _, origin = draws(trial, num_joints)

@@ -75,7 +75,7 @@ def _given_policy(name: str, digest: str, given: str | Path, robot: Robot) -> Ag
 
 
 def _load(name: str, robot: Robot) -> Agent:
-    """Whoever is meant by a name; what is no network of ours drives the robot."""
+    """Load the agent of a name; an agent that is not one of our networks drives the robot."""
     return load_agent(name, robot if is_controller(name) or name == NOMINAL else None)
 
 

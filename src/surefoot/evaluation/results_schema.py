@@ -73,7 +73,7 @@ CREATE TABLE IF NOT EXISTS controllers (
 
 
 class Key(NamedTuple):
-    """Whose results, and how they were measured.
+    """The agent of results, and the way in which they were measured.
 
     Attributes:
         agent: digest of the policy or controller.
@@ -84,7 +84,7 @@ class Key(NamedTuple):
     setup: Setup
 
     def values(self) -> tuple[Any, ...]:
-        """What stands in the columns `KEY`."""
+        """The values of the columns `KEY`."""
         return (self.agent, *dataclasses.astuple(self.setup))
 
     @classmethod
@@ -126,7 +126,7 @@ def as_dicts(cursor: sqlite3.Cursor) -> Iterator[dict[str, Any]]:
 
 
 def outcome_values(outcome: Outcome) -> tuple[Any, ...]:
-    """What stands in the columns of an outcome."""
+    """Return the values of the columns of an outcome."""
     values = (getattr(outcome, name) for name in OUTCOME)
     return tuple(json.dumps(value) if isinstance(value, tuple) else value for value in values)
 

@@ -55,7 +55,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RobotCheck:
-    """What was found out about a robot in a pose.
+    """The results of a robot check in a pose.
 
     Attributes:
         pose: its name.

@@ -36,7 +36,7 @@ OLD_KEYS = {
 _LIMITED = "_within_limits"
 
 UNITS = {"impulse": "Ns", "height": "m", "tilt": "deg"}
-"""What can be searched, and its unit."""
+"""The quantities that can be searched, and their units."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Scenario:
 
     @property
     def domain(self) -> DomainParameters:
-        """What the robots stand on and are made of."""
+        """The properties of the ground and the robots."""
         slope, uphill = math.radians(self.slope_deg), math.radians(self.uphill_deg)
         return DomainParameters(self.friction, self.mass_scale, self.motor_strength, slope, uphill, self.physics_hz)
 

@@ -32,7 +32,7 @@ AnySearch = ThresholdSearch | HalfSearch | FixedTrials
 
 
 def _search_of(line: Line, recall: Callable[[Trial], Outcome | None]) -> AnySearch:
-    """What hands out the trials of a line."""
+    """A source of the trials of a line."""
     if not line.scenario.search:
         return FixedTrials(line)
     return HalfSearch(line, recall) if line.scenario.half else ThresholdSearch(line, recall)
@@ -75,7 +75,7 @@ class Searches(TrialSource):
         return None
 
     def _next_request(self) -> tuple[AnySearch, TrialRequest] | None:
-        """What is needed comes first; only if nothing is, what may be needed."""
+        """Needed trials come first, and possibly needed ones only if there are none."""
         for ahead in (False, True):
             for _ in range(len(self._turn)):
                 search = self._turn[0]

@@ -14,7 +14,7 @@ UNKNOWN_PROTOCOL = 0
 
 @dataclass(frozen=True, order=True)
 class Setup:
-    """What an outcome depends on beside the agent; the columns of this name in results tables.
+    """The conditions of an outcome beside the agent; the columns of this name in results tables.
 
     Attributes:
         protocol: version of the definition of what is measured.
@@ -58,7 +58,7 @@ class Setup:
         return self.protocol != UNKNOWN_PROTOCOL
 
     def differences(self, now: Setup) -> list[str]:
-        """What is otherwise in the setup `now`, in words; nothing for the same setup."""
+        """Name the parts that differ in the setup `now`; nothing for the same setup."""
         if not self.is_known:
             return ["it was written before results named their setup"]
         pairs = [

@@ -48,7 +48,7 @@ class LineTask:
 
 @dataclass(frozen=True)
 class LinesDone:
-    """What a worker found.
+    """The results of a worker.
 
     Attributes:
         outcomes: new ones, by trial, with the scenario for which each was run, in the order in which they ended.
@@ -94,11 +94,11 @@ def spread(
         agents: that are tested.
         scenarios: what they are tested in.
         results: the table, which this process alone writes.
-        executor: whose workers are used.
+        executor: executor with the workers.
         on_progress: told after every task: trials done, lines done, and the size reached along the task's lines.
 
     Returns:
-        What each task found, in the order in which they were done.
+        The results of each task, in the order in which the tasks were done.
 
     Raises:
         UserError: a worker lacks something, or works in another setup.

@@ -79,7 +79,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Strategies:
-    """What a robot did to keep its balance; `str` gives it in words: "ankle, foot tilt, 2 steps"."""
+    """The strategies by which a robot kept its balance; `str` gives it in words: "ankle, foot tilt, 2 steps"."""
 
     ankle: bool = False
     hip: bool = False
@@ -151,12 +151,12 @@ class StrategyWatch:
         self._elapsed[ids] += active.sum(axis=1)
 
     def strategies(self, slot: int) -> Strategies:
-        """What the robot has done since its disturbance began."""
+        """The robot's strategies since its disturbance began."""
         ankle, hip, foot_tilt = self._labels[slot].tolist()
         return Strategies(ankle, hip, foot_tilt, tuple(self._feet.steps[slot]), bool(self._feet.slid[slot]))
 
     def _set_limits(self, ids: np.ndarray) -> None:
-        """What changes are measured against and have to exceed, from what robots `ids` did until their disturbance."""
+        """The references that changes must exceed, from the motion of robots `ids` before their disturbance."""
         if not len(ids):
             return
         before = self._before[ids]

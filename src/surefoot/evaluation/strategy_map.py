@@ -33,7 +33,7 @@ MAX_CSV_BYTES = 5_000_000
 
 @dataclass(frozen=True)
 class StrategyCell:
-    """What an agent does against a push at the root, in one direction and of one impulse.
+    """An agent's answer to a push at the root, in one direction and with one impulse.
 
     Attributes:
         name: of the agent.
@@ -88,7 +88,7 @@ def map_strategies(
     """Push an agent's robot at the root from all around, harder and harder.
 
     Args:
-        agent: who is pushed.
+        agent: agent of the pushed robot.
         num_directions: evenly spaced, from forward on.
         largest: impulse [Ns]; the others are `STRIDE` steps of the robot's grid apart.
         num_trials: of each cell, with the seeds from 0 on.

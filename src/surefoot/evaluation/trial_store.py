@@ -18,7 +18,7 @@ from surefoot.evaluation.trials import Trial
 from surefoot.version import __version__
 
 COMMIT_S = 0.1
-"""What was written waits for so long before it is committed, whether or not more is written [s]."""
+"""Time from a write to its commit, whether or not more is written [s]."""
 
 
 class Committer:
@@ -90,7 +90,7 @@ class TrialStore:
 
     Args:
         db: the results table.
-        key: whose outcomes.
+        key: key of the agent and setup.
         committer: of the results table.
         path: of the results table, for errors.
 

@@ -252,10 +252,10 @@ class _Arena:
 
 
 def draws(trial: Trial, num_joints: int) -> tuple[np.ndarray, int]:
-    """What the seed of a trial draws.
+    """Return the quantities that the seed of a trial draws.
 
     Returns:
-        What the start angles are off by (num_joints,) [rad], and the tick from which the starts of the pushes are
+        The deviations of the start angles (num_joints,) [rad], and the tick from which the starts of the pushes are
         counted.
     """
     rng = np.random.default_rng(trial.seed)

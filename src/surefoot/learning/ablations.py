@@ -49,7 +49,7 @@ LEFT_OUT: dict[str, Change] = {
     "wide-critic": _run(critic=PAPER_LAYERS),
     "fading-exploration-and-rate": _run(final_noise=1.0, final_learning_rate=1.0),
 }
-"""What is left out -> the preset `fast` of DDPG without it."""
+"""Part that is left out -> the preset `fast` of DDPG without it."""
 
 OLD_NAMES = {
     "knee-in-power-price": "power-log-scale",

@@ -49,7 +49,7 @@ def put_actor(model: BaseAlgorithm, network: nn.Module, log_std: float) -> None:
     """Give a model the weights of an actor, and a Gaussian policy a deviation.
 
     Args:
-        model: whose actor it is to be.
+        model: model that receives the actor.
         network: of the same kind as `actor_network`.
         log_std: logarithm of the Gaussian policy's standard deviation.
     """
@@ -71,7 +71,7 @@ def widen_critic(parameters: Mapping[str, Any], model: BaseAlgorithm) -> dict[st
 
     Args:
         parameters: as `get_parameters` of stable-baselines3 gives them.
-        model: whose networks are to have them.
+        model: model whose networks receive them.
     """
     wanted = model.policy.state_dict()
     narrow = {

@@ -33,7 +33,7 @@ def from_feet(robot: Robot, observations: np.ndarray) -> np.ndarray:
     """The capture point from the middle between the feet.
 
     Args:
-        robot: whose observations they are.
+        robot: robot of the observations.
         observations: without noise (N, num_observations).
 
     Returns:
@@ -58,7 +58,7 @@ def held_capture_points(
 
     Args:
         policy: that does not step.
-        config: whose robot, pose and start are taken; pushes, noise and drops are not.
+        config: configuration of robot, pose and start; its pushes, noise and drops are not used.
         num_threads: of the physics; 0 for one per core.
         num_robots: that are each pushed once.
 

@@ -28,14 +28,14 @@ from surefoot.learning.models import limit_exploration
 REPLAY_STEPS = 8
 """Policy steps of an off-policy learner's robots between two policies: a message each."""
 COLLECTED = ("observations", "actions", "rewards", "episode_starts", "values", "log_probs", "advantages", "returns")
-"""What an on-policy rollout consists of, arrays (num_steps, num_robots, ...) of SB3's rollout buffer."""
+"""The parts of an on-policy rollout, arrays (num_steps, num_robots, ...) of SB3's rollout buffer."""
 _FOREVER = 10**12
 _TRUNCATED = "TimeLimit.truncated"
 
 
 @dataclasses.dataclass(frozen=True)
 class Order:
-    """What a worker is told before it moves its robots.
+    """The instructions of a worker before it moves its robots.
 
     Attributes:
         weights: of the networks that collect, see `collecting`.
@@ -50,7 +50,7 @@ class Order:
 
 @dataclasses.dataclass(frozen=True)
 class Rollout:
-    """What a worker's robots met.
+    """The experience of a worker's robots.
 
     Attributes:
         arrays: on-policy, by the names of `COLLECTED`.

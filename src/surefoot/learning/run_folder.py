@@ -165,7 +165,7 @@ class RunFolder:
         self._settle(files)
 
     def load_checkpoint(self) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
-        """What `save_checkpoint` kept of parameters and state.
+        """Return the parameters and the state that `save_checkpoint` kept.
 
         Raises:
             UserError: there is no checkpoint, or it is damaged.
@@ -264,7 +264,7 @@ _DAMAGE = (
     OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, EOFError, RecursionError, zipfile.BadZipFile,
     NotImplementedError,  # of a zip file of a later version
 )  # fmt: skip
-"""What reading a damaged checkpoint raises."""
+"""The errors of reading a damaged checkpoint."""
 
 
 def _check_counts(state: Mapping[str, Any]) -> None:

@@ -76,5 +76,5 @@ class Schedule:
         return float(self.config.hyper["learning_rate"] * self._faded(self.config.final_learning_rate))
 
     def _faded(self, final: float) -> float:
-        """What is left now of something of which `final` is left at the end."""
+        """The present share of a quantity of which the share `final` is left at the end."""
         return 1.0 - (1.0 - final) * self.position

@@ -23,7 +23,7 @@ _SEED = FIRST_SEED + 500_000
 
 @dataclass(frozen=True)
 class GradedValidation(Validation):
-    """What the held-out trials say of a policy that is to take a step only where it must.
+    """The results of held-out trials for a policy that should step only where it must.
 
     Attributes:
         held: share of the small pushes that it recovers from without a step.

@@ -307,7 +307,7 @@ def _is_beginning(folder: RunFolder, config: TrainConfig, start: str | Path | No
 
 
 def _absolute(start: str | Path | None) -> str:
-    """What a run begins with, so that it is found from any folder: a path, or the name of a shipped policy."""
+    """The start of a run, so that it is found from any folder: a path, or the name of a shipped policy."""
     return "" if start is None else str(Path(start).absolute() if Path(start).exists() else start)
 
 

@@ -37,7 +37,7 @@ FIRST_SEED = 1_000_000
 
 @dataclass(frozen=True)
 class Validation:
-    """What the held-out trials say.
+    """The results of the held-out trials.
 
     Attributes:
         recovered: share of all pushes.

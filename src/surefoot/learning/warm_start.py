@@ -23,7 +23,7 @@ _RECORDED = ("preset", "seed", "policy_steps", "minutes")
 
 @dataclass(frozen=True)
 class Origin:
-    """What a run began with.
+    """The start of a run.
 
     Attributes:
         record: preset, seed, policy steps and minutes of it, and under "after" the same of what it began with itself;

@@ -15,7 +15,7 @@ class Motors:
     and beyond; its current allows the torque limit.
 
     Args:
-        robot: whose motors.
+        robot: robot with the motors.
         strength: of every joint's torque limit, as a share of the robot's own.
 
     Attributes:

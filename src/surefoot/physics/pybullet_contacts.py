@@ -56,7 +56,7 @@ def link_friction(model: mujoco.MjModel) -> dict[str, float]:
 
 
 class Contacts:
-    """What the floor did to a robot in the last substep.
+    """The floor's action on a robot in the last substep.
 
     Args:
         model: of the robot.

@@ -16,7 +16,7 @@ def capture_point_bound(robot: Robot, pose: str | np.ndarray, angles: Sequence[f
     """Return the no-step bound of this robot [Ns]: what its soles and its CoM allow without a step, per direction.
 
     Args:
-        robot: whose mass, sole and CoM count.
+        robot: robot whose mass, sole and CoM are used.
         angles: of the directions, counter-clockwise from forward [rad].
         pose: a named pose or joint angles (num_joints,) [rad].
     """

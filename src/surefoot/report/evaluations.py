@@ -54,7 +54,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What results hold of one policy under one setup.
+    """The results of one policy under one setup.
 
     Attributes:
         name: of the policy, with the engine that is not the default one, and with the beginning of its digest if

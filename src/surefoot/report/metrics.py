@@ -35,7 +35,7 @@ def flat_metrics(
         thresholds: of one policy.
         fixed: outcomes of the scenarios in which nothing is searched, by scenario.
         audit: largest share of a torque and of a speed limit over all trials.
-        robot: whose thresholds they are.
+        robot: robot of the thresholds.
         pose: the policy's nominal joint angles [rad].
         wall_s: time of the evaluation [s].
     """

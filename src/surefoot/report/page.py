@@ -70,7 +70,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """What is on the page; the first evaluation is the best."""
+    """The contents of the page; the first evaluation is the best."""
 
     evaluations: list[Evaluation]
     comparison: list[Table]

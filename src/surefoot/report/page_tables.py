@@ -68,7 +68,7 @@ def of_policy(evaluation: Evaluation) -> list[Table]:
 
 
 def share_kept_table(evaluations: Sequence[Evaluation]) -> Table:
-    """What is kept of the rejected impulse under noise and beyond the paper: a row per scenario."""
+    """The kept share of the rejected impulse under noise and beyond the paper, a row per scenario."""
     rows = []
     for name in [*NOISE, *(s.name for s in ROBUSTNESS)]:
         shares = [_share(e, name) for e in evaluations]

@@ -13,7 +13,7 @@ class AlgorithmRow(NamedTuple):
 
 
 NO_STEP_BOUND = "no-step bound"
-"""What the tables call equation (6) of the paper: a point mass over fixed feet."""
+"""The tables' name for equation (6) of the paper: a point mass over fixed feet."""
 
 TABLE_1 = {
     "trpo": AlgorithmRow(240.0, 78.0),

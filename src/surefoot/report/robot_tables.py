@@ -96,6 +96,6 @@ def held_table(check: RobotCheck) -> Table:
 
 
 def findings_table(check: RobotCheck) -> Table:
-    """What is wrong or suspicious."""
+    """The faults and suspicious values."""
     rows = [("wrong" if found.is_wrong else "suspicious", found.key, found.text) for found in check.findings]
     return Table("To look at", ("", "key", "what"), rows)

@@ -30,7 +30,7 @@ _PANEL, _LEGEND_ROW = 4.3, 0.3
 
 
 class DrawnCell(Protocol):
-    """What is drawn of a cell."""
+    """The drawn part of a cell."""
 
     @property
     def impulse(self) -> float:

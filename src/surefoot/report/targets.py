@@ -95,12 +95,12 @@ def targets_for(robot: Robot, algorithm: str) -> tuple[Target, ...]:
 
 
 FIVE_MINUTES = {"sagittal": (210.0, 234.0, 300.0), "lateral": (276.0, 282.0, 300.0)}
-"""What five minutes of `surefoot train` give on two cores, by plane: the lowest, median and highest of three seeds of
+"""Result of five minutes of `surefoot train` on two cores, by plane: the lowest, median and highest of three seeds of
 DDPG [Ns]; the worse of the plane's two directions, from results/seeds.csv."""
 
 
 def first_table(name: str, algorithm: str, minutes: float, metrics: Mapping[str, float]) -> Table:
-    """What a policy of a few minutes reaches, beside the paper's policy and beside five minutes of learning.
+    """The results of a policy of a few minutes, beside the paper's policy and five minutes of learning.
 
     Args:
         name: of the policy.
@@ -123,7 +123,7 @@ def first_table(name: str, algorithm: str, minutes: float, metrics: Mapping[str,
 
 
 def targets_table(name: str, algorithm: str, metrics: Mapping[str, float], robot: Robot) -> Table:
-    """What a policy reaches on the lines that were tested."""
+    """The results of a policy on the tested lines."""
     rows = []
     for target in targets_for(robot, algorithm):
         if target.key in metrics and metrics.get("root_push.directions", 0) >= target.directions:

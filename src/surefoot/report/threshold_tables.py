@@ -96,7 +96,7 @@ def worst_table(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Ta
 
 
 def summary_table(policies: Mapping[str, Sequence[Threshold]]) -> Table:
-    """What each policy survives, in a row that is read in seconds; the strongest comes first.
+    """The hardest pushes that each policy survives, one short row each, the strongest first.
 
     Args:
         policies: thresholds by the policy's name; "NAME in ENGINE" is the same policy in another engine.

@@ -59,5 +59,5 @@ def scenario_words(scenario: str, robot: Robot) -> str:
 
 
 def root_words(robot: Robot) -> str:
-    """What the robot's floating body is called, in words."""
+    """The name of the robot's floating body, in words."""
     return robot.root.replace("_", " ")

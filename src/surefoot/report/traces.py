@@ -62,7 +62,7 @@ class Trace(RecordedTrial):
 
     @cached_property
     def strategies(self) -> Strategies:
-        """What the robot did, with the places of its steps, told from the ticks as in the trial itself."""
+        """The robot's strategies with the places of its steps, recognised from the ticks as in the trial itself."""
         watch, ids = StrategyWatch(self.ticks.robot, 1), np.array([0])
         watch.reset(ids, self.ticks.ticks(slice(0, 1)))
         for first in range(0, len(self.ticks), TICKS_PER_STEP):
@@ -71,7 +71,7 @@ class Trace(RecordedTrial):
         return watch.strategies(0)
 
     def recording(self, policy_name: str) -> Recording:
-        """What films and strips draw of it."""
+        """The recording for films and strips."""
         return Recording.of(policy_name, self, CONTROL_HZ // STRIDE, first=self.begin % STRIDE)
 
 

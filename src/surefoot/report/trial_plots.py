@@ -23,7 +23,7 @@ LEFT, RIGHT = "#0f8b9d", "#b5327a"
 """Feet."""
 _PUSH = "#e8b32a"
 _BEFORE, _AFTER = -0.5, 6.0
-"""What is shown of a trial, about the beginning of its disturbance [s]."""
+"""Shown part of a trial, relative to the beginning of its disturbance [s]."""
 _LEAST = 5.0
 """No scale is finer than this either way [cm, deg], or a robot at rest would seem to dance."""
 

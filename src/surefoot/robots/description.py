@@ -119,7 +119,7 @@ class Description:
 
 
 def lookup(table: Mapping[str, _T], joint: str) -> _T | None:
-    """What a table says of a joint: by its name, else by the first pattern that fits."""
+    """Return a table's value for a joint: by its name, else by the first pattern that fits."""
     if joint in table:
         return table[joint]
     return next((value for pattern, value in table.items() if fnmatch.fnmatchcase(joint, pattern)), None)

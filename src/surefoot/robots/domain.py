@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DomainParameters:
-    """What a robot stands on and is made of, as far as it may differ from the model; the defaults are the model's.
+    """The properties of the ground and the robot that may differ from the model; the defaults are the model's.
 
     Attributes:
         friction: coefficient of sliding friction between feet and floor; the model's own without it.

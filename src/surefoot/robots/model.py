@@ -278,7 +278,7 @@ def _chain(spec: mujoco.MjSpec, foot: str, root: str) -> list[str]:
 
 
 def _own_motor(actuator: mujoco.MjsActuator) -> Motor:
-    """What a position actuator of the MJCF file says: kp, kd and the force range."""
+    """Return a position actuator's values in the MJCF file: kp, kd and the force range."""
     torque = float(actuator.forcerange[1]) or None
     return Motor(float(actuator.gainprm[0]), float(-actuator.biasprm[2]), torque)
 

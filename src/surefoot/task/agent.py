@@ -19,7 +19,7 @@ PATHS = ("cubic", "line", "hold")
 """How the joint targets get from one control step's to the next one's."""
 
 Inputs = Literal["observation", "state"]
-"""What an agent is given of the robots: the filtered observation vector, or their `State`."""
+"""The input of an agent: the filtered observation vector, or their `State`."""
 
 
 class Gains(NamedTuple):
@@ -71,7 +71,7 @@ class Agent(Protocol):
 
     @property
     def contract(self) -> Contract:
-        """What it assumes about the robot, in a form that can be stored."""
+        """The assumptions about the robot, in a form that can be stored."""
         ...
 
     @property
@@ -86,7 +86,7 @@ class Agent(Protocol):
 
     @property
     def inputs(self) -> Inputs:
-        """What it wants to be given: "observation" or "state"."""
+        """The kind of input: "observation" or "state"."""
         ...
 
     @property

@@ -233,7 +233,7 @@ class ControlLoop:
         return goal
 
     def inputs(self, ids: np.ndarray) -> Any:
-        """What the agent wants to be given of robots `ids` (n,): their observations, or their `State`."""
+        """Return the agent's input for robots `ids` (n,): their observations, or their `State`."""
         if self._seen is None:
             return self.observe(ids)
         ticks = self._seen[ids]

@@ -231,7 +231,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         observations[ids] = self.loop.observe(ids)
 
     def privileged_observation(self) -> np.ndarray:
-        """What a critic may know beside the observation, and a policy may not: (N, 12) float64, `privileged.SIGNS`.
+        """The critic's knowledge beside the observation: (N, 12) float64, `privileged.SIGNS`.
 
         It is the next push (`PrivilegedObservation.next_push`), the share of the step penalties that is charged now
         (whether a step ends the episode, where one may), whether leaving the nominal pose still costs, and the robot's
@@ -256,7 +256,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
 
     @property
     def was_dropped(self) -> np.ndarray:
-        """Whose episode began in the air: (N,)."""
+        """Whether a robot's episode began in the air: (N,)."""
         return self._dropped
 
     def step_penalty_share(self) -> np.ndarray:

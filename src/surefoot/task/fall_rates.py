@@ -13,7 +13,7 @@ NUM_SECTORS = 16
 IMPULSE_STEP = 30.0
 """Impulses are counted in steps of this size [Ns], for a robot of the mass of the paper's."""
 FORGET = 0.05
-"""What one more push changes in the share of falls."""
+"""Weight of one more push in the share of falls."""
 _FULL_TURN = 2.0 * np.pi
 
 

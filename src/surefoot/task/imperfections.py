@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Imperfections:
-    """What stands between a policy and a perfect robot; the defaults are a perfect one.
+    """The imperfections of sensors and actuators; the defaults are those of a perfect robot.
 
     Attributes:
         observation_noise: standard deviation of Gaussian noise on the observation vector, in its own units, new at

@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Memory:
-    """What each of a batch of robots has observed and done in its last policy steps.
+    """The observations and actions of each robot of a batch in its last policy steps.
 
     A policy's input is the present observation, then the past observations, then the past actions; in both the newest
     comes first. At a robot's first policy step its past observations all equal the present one, and its past actions

@@ -136,7 +136,7 @@ _OTHER_SIDE = {"left": "right", "right": "left"}
 
 
 def blocks(ticks: StepRecord) -> list[np.ndarray]:
-    """What the vector is made of as it lies side by side in the ticks, in SI units, unfiltered.
+    """The parts of the vector that lie side by side in the ticks, in SI units, unfiltered.
 
     Returns:
         Arrays (num_robots, num_ticks, size), 47 columns in all, to be put in order by `from_blocks`.

@@ -36,7 +36,7 @@ legs as long as those of the paper's robot."""
 
 @dataclass(frozen=True)
 class RewardContext:
-    """What terms may use beside the record of a policy step.
+    """The quantities that terms may use beside the record of a policy step.
 
     Attributes:
         nominal_com_height: height of the CoM above the soles in the nominal pose [m].
@@ -249,7 +249,7 @@ def _alphas(robot: Robot, terms: Mapping[str, Term]) -> np.ndarray:
 
 
 def _cost(name: str, term: Term, record: StepRecord, context: RewardContext) -> np.ndarray:
-    """What a penalty adds to the reward, in the mean over the ticks: (num_robots,)."""
+    """The contribution of a penalty to the reward, as the mean over the ticks: (num_robots,)."""
     weight = context.penalty_weights.get(name, 0.0) if term.weight is None else term.weight
     if not np.any(weight):
         return np.zeros(len(record.record))

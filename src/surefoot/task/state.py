@@ -16,7 +16,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 @dataclass(frozen=True)
 class State:
-    """What the state estimators of n robots know, 2 ms old: nothing in it tells who pushes.
+    """The knowledge of the state estimators of n robots, 2 ms old; it does not include the pushes.
 
     Vectors are in the heading frame: x forward, y left, z up, turned with the root's yaw. Positions are counted from
     the root. Feet: left, right.

@@ -32,7 +32,7 @@ def _network(contract: Contract) -> dict[str, Any]:
 
 
 def _loop(contract: Contract) -> dict[str, Any]:
-    """What the rates of the contract leave open."""
+    """The timing that the rates of the contract leave open."""
     return {
         "observation_age_ticks": 1,
         "filter_start": "steady state of the first observation",

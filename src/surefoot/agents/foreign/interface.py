@@ -32,7 +32,7 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """What a foreign network takes and answers.
+    """The inputs and outputs of a foreign network.
 
     The joint targets are ``default_pose + action_scale * action``. Arrays over joints are in the network's own order.
 

@@ -11,7 +11,7 @@ from surefoot.task.state import State
 
 
 class Moment(NamedTuple):
-    """What an observation is made of, for n robots at one control step. Joints are in the network's own order.
+    """The parts of an observation, for n robots at one control step. Joints are in the network's own order.
 
     Attributes:
         state: of the robots.

@@ -74,7 +74,7 @@ class ForeignPolicy:
         return Command(target)
 
     def observe(self, state: State, ids: np.ndarray) -> np.ndarray:
-        """What the network is given of robots `ids` (n,), and remember it: (n, num_inputs) float64."""
+        """Return the network's inputs for robots `ids` (n,), and remember them: (n, num_inputs) float64."""
         now = self._moment(state, ids)
         new = self._is_new[ids]
         self._is_new[ids] = False
