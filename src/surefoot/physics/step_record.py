@@ -38,7 +38,7 @@ _BODY_QUANTITIES = {
     "right_foot_contact": 10,
     "ground_contact": 1,
 }
-"""What follows the joints in the record: number of columns by quantity. Neighbours are read as one block."""
+"""The quantities after the joints in the record, with their number of columns. Neighbours are read as one block."""
 
 # Neighbours in the record, after the root position: three velocities, then positions.
 HEADING_BLOCK = (

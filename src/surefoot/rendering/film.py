@@ -27,7 +27,7 @@ def draw_moment(scene: Renderer, trial: Trial, moment: Moment, afterglow: float 
 
     Args:
         scene: draws it.
-        trial: whose moment it is.
+        trial: trial of the moment.
         moment: what is shown.
         afterglow: as for `Renderer.draw`; 0 for a push that is drawn only while it acts.
     """

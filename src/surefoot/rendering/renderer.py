@@ -49,7 +49,7 @@ LEGEND = (
     ("beyond it", _ESCAPED),
     ("foot force", _FORCE),
 )
-"""What the marks mean: word and colour (red, green, blue, opacity)."""
+"""Legend of the marks: word and colour (red, green, blue, opacity)."""
 
 
 class Renderer:

@@ -12,7 +12,7 @@ from surefoot.robots.model import FLOOR, compile_model
 _UNCOLORED = (0.5, 0.5, 0.5, 1.0)
 """MuJoCo's colour of a geom that has none."""
 _SHELL = (0.83, 0.85, 0.88, 1.0)
-"""What such a geom is drawn in."""
+"""Colour of such a geom."""
 _LIGHTS = (
     ((1.2, 0.9, 2.8), (-0.4, -0.3, -1.0), (0.5, 0.49, 0.47), True),
     ((0.0, 0.0, 4.0), (-0.3, 0.8, -0.5), (0.2, 0.21, 0.23), False),

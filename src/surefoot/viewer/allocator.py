@@ -1,9 +1,9 @@
-"""Allocator: keeps the memory of the page small while viewers come and go.
+"""Allocator: the settings that keep the memory of the page small while viewers come and go.
 
-The GNU C library gives threads pools of memory of their own, eight per core at most, and each pool keeps what its
-largest moment needed. The page has a thread for each browser's requests, so its memory would rise for hours. Once a
-large piece was freed, the library also cuts the next ones from a pool instead of asking the system for them. A viewer
-who comes needs some megabytes for a moment, which are given back if they come from the system.
+The GNU C library gives threads memory pools of their own, at most eight per core, and each pool keeps its largest size.
+The page has a thread for each browser's requests, so its memory would rise for hours. Once a large block was freed, the
+library also takes the next ones from a pool instead of the system. A new viewer needs some megabytes for a moment,
+which are returned only if they come from the system.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ def body_glbs(robot: Robot, *, coarse: bool = False, opacity: float = 1.0) -> di
     """The shapes of every body that has visible ones: index into `Robot.body_names` -> a binary GLB in its frame.
 
     Args:
-        robot: whose bodies they are.
+        robot: robot with these bodies.
         coarse: fewer triangles, for a crowd.
         opacity: 1 hides what is inside.
     """

@@ -56,7 +56,7 @@ class ClipRecorder:
         self._shots.append(Shot(moment, push))
 
     def shots(self) -> tuple[Shot, ...]:
-        """What is remembered, the oldest first."""
+        """The remembered moments, the oldest first."""
         return tuple(self._shots)
 
 
@@ -67,7 +67,7 @@ def save_clip(
 
     Args:
         path: of the film.
-        robot: who is shown.
+        robot: the shown robot.
         shots: a picture each.
         on_picture: called with the number of pictures drawn, after each.
 

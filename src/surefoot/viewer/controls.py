@@ -43,7 +43,7 @@ _FIRST_IMPULSE, _LARGEST_IMPULSE = 15, 80
 
 
 class Actions(Protocol):
-    """What the controls ask for.
+    """The actions that the controls request.
 
     Attributes:
         player: plays the session.
@@ -88,8 +88,8 @@ class Controls:
 
     Args:
         gui: where the panel is made.
-        actions: who does what is asked for.
-        folders: whose runs and policy files are offered.
+        actions: object that carries out the requests.
+        folders: folders whose runs and policy files are offered.
 
     Attributes:
         last_pushes: where a phone shows what was pushed.
@@ -281,7 +281,7 @@ def angle_on_screen(client: viser.ClientHandle, right: float, away: float) -> fl
     """The direction in the world, counter-clockwise from +x in steps of 15 [deg], of one on a browser's screen.
 
     Args:
-        client: whose screen it is.
+        client: client with this screen.
         right: to the right of the viewer, of a unit vector.
         away: away from the viewer, of the same.
     """

@@ -33,7 +33,7 @@ class Deed:
 
     @property
     def verdict(self) -> str:
-        """What became of the robots, in words; empty while nobody knows."""
+        """The verdict on the robots, in words; empty while it is open."""
         parts = [(self.recovered, "recovered"), (self.fell, "fell")]
         several = self.recovered + self.fell > 1
         return ", ".join(f"{number} {word}" if several else word for number, word in parts if number)

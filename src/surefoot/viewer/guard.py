@@ -1,8 +1,7 @@
 """Guard: the checks of who may open the live page and of its browsers' messages, and the limit of their buffers.
 
-Every web page that a browser shows may send requests to servers on the same machine. So a request must carry the token
-that only the address has which `surefoot play` prints, name this server as its host, and come from a page of this
-server.
+Every web page that a browser shows may send requests to servers on the same machine. A request must therefore carry the
+token of the address that `surefoot play` prints, name this server as its host, and come from a page of this server.
 """
 
 from __future__ import annotations
@@ -32,10 +31,10 @@ _EVERYWHERE = ("0.0.0.0", "::", "")
 _MAX_MESSAGE_BYTES = 2**16
 """A browser's largest message has some hundred bytes."""
 _QUEUE_BYTES = 2**16
-"""What the system keeps for a browser that takes less than it is sent: some dozen pictures.
+"""The system's buffer for a browser that reads more slowly than the page sends: some dozen pictures.
 
-By itself it keeps megabytes. A viewer over a slow line would see what was long ago, and be taken for gone, since his
-answers to the server's pings wait behind all that.
+By default it keeps megabytes. A viewer on a slow line would then see old pictures and be taken for gone, because its
+answers to the server's pings wait behind them.
 """
 _FOR_BROWSERS = {
     "Content-Security-Policy": "frame-ancestors 'none'",
@@ -48,15 +47,15 @@ _Answer = Callable[[ServerConnection, Request], Response | None]
 
 
 class Guard:
-    """Lets in who has the token, by a name of this server, from a page of this server.
+    """Admits requests with the token, to a name of this server, from a page of this server.
 
     Args:
-        host: name or address at which the server listens.
+        host: name or address on which the server listens.
         names: further names by which browsers reach it.
 
     Attributes:
-        token: what an address must have.
-        num_refused: messages of browsers that were not heard.
+        token: token that an address must have.
+        num_refused: number of browsers' messages that were refused.
     """
 
     def __init__(self, host: str, names: Sequence[str] = ()):
@@ -84,8 +83,8 @@ class Guard:
     def installed(self) -> Iterator[None]:
         """Guard the server that viser starts in this block.
 
-        viser has no hook for it. It calls `websockets.asyncio.server.serve`, which has: this is the one place that
-        knows so.
+        viser has no hook for it. It calls `websockets.asyncio.server.serve`, which has one. This is the only place that
+        depends on it.
 
         Raises:
             UserError: viser has started its server in another way, which nothing guards.

@@ -12,7 +12,7 @@ from surefoot.viewer.playback import Shown
 SECONDS = 6.0
 """How far the curves look back."""
 _FADING = 0.985
-"""What is left of a peak after a policy step."""
+"""Share of a peak that is left after a policy step."""
 
 
 class History:

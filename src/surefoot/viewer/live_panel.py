@@ -53,7 +53,7 @@ class Plot:
 
 
 def plots_of(robot: Robot) -> tuple[Plot, ...]:
-    """What the panel draws for a robot."""
+    """The data that the panel draws for a robot."""
     reach = _REACH * scale_of(robot)
     ahead = (Curve("com_x", "CoM", _COM_INK), Curve("cp_x", "capture point", _CAPTURE_INK))
     aside = (Curve("com_y", "CoM", _COM_INK), Curve("cp_y", "capture point", _CAPTURE_INK))
@@ -69,7 +69,7 @@ class LivePanel:
     """The panel's elements; `show` brings them up to date.
 
     Args:
-        server: whose panel it is.
+        server: server of the panel.
         robot: which is shown.
         phone: where the verdict and the last pushes stand on a phone, which does not show this panel.
     """
@@ -145,7 +145,7 @@ def _hand_words(shown: Shown, watched: int) -> str:
 
 
 def legend_html() -> str:
-    """What the marks in the scene mean; as HTML."""
+    """The legend of the marks in the scene, as HTML."""
     marks = (
         (PUSH, "push"),
         (FORCE, "foot force"),

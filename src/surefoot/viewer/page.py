@@ -46,7 +46,7 @@ class Page:
         num_robots: 1 to 64.
         host: name or address at which it listens.
         port: at which it listens; 0 for any that is free.
-        folders: whose runs and policy files are offered; the page plays no others.
+        folders: folders whose runs and policy files are offered; the page plays no others.
         names: further names by which browsers reach this machine.
 
     Raises:
@@ -88,7 +88,7 @@ class Page:
 
     @property
     def address(self) -> str:
-        """What a browser on this machine opens; without the token it is refused."""
+        """The address for a browser on this machine; without the token it is refused."""
         return f"{self.origin}/?token={self.guard.token}"
 
     @property

@@ -21,7 +21,7 @@ from surefoot.viewer.session import Session, strategy_words
 from surefoot.viewer.verdict import State, Verdicts
 
 BEFORE_S, AFTER_S, LONGEST_S = 0.4, 1.0, 14.0
-"""What is kept of a deed: from before its beginning until after its verdict, and no more than that [s]."""
+"""Recorded times of a deed: before its beginning, after its verdict, and at most in all [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Kept:
 
     @classmethod
     def of(cls, session: Session, robot: int) -> Kept:
-        """What a robot of a session did in its last step."""
+        """The motion of a session's robot in its last step."""
         ids = np.array([robot])
         state = State(session.verdicts.state[robot])
         force, words = session.hand_force(robot), session.strategies(robot)
@@ -65,7 +65,7 @@ class Takes:
         self._left = 0
 
     def of(self, deed: Deed) -> Sequence[Kept]:
-        """What was kept of a deed; nothing if nobody was watched then."""
+        """The record of a deed; nothing if no robot was watched then."""
         return next((take for known, take in self._takes if known is deed), ())
 
     def keep(self, deed: Deed, take: list[Kept]) -> None:
@@ -168,7 +168,7 @@ class Playback:
 
     @property
     def pushes(self) -> Pushes:
-        """What acts on the robot."""
+        """The forces on the robot."""
         return self._now.pushes
 
     def since(self, tick: int) -> np.ndarray:
@@ -191,4 +191,4 @@ class Playback:
 
 
 Shown = Session | Playback
-"""What the page shows: robots that live on, or what one of them did before."""
+"""The robots that the page shows: those of a live session, or a recorded one."""

@@ -87,7 +87,7 @@ class Player:
 
     @property
     def shown(self) -> Shown:
-        """What the page shows now."""
+        """The session or playback that the page shows now."""
         return self.playback or self.session
 
     @property

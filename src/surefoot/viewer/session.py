@@ -27,7 +27,7 @@ LIFT_PER_MASS = 3.642
 AIRBORNE_S = 0.2
 """From the end of the lift to the push [s]: the robot is in the air then."""
 PAPER_NOISE = NOISE["noise_both"].imperfections
-"""What the panel's 100 % of noise is."""
+"""Noise at 100 % on the panel."""
 DOWN_S = 2.0
 """A fallen robot that stands up again by itself does so after that time [s]."""
 HAND, PUSH = 0, 1
@@ -39,7 +39,7 @@ _FAILURES = {
     WRONG_SHAPE: "returned an array of another shape than (robots, joints)",
     TOO_LATE: "took too long",
 }
-"""What a policy that fails has done, in words."""
+"""Failures of a policy, in words."""
 
 
 class Session:
@@ -177,7 +177,7 @@ class Session:
 
     @property
     def pushes(self) -> Pushes:
-        """What acts on the robots: hands and lifts in slot `HAND`, pushes in slot `PUSH`."""
+        """The forces on the robots: hands and lifts in slot `HAND`, pushes in slot `PUSH`."""
         return self.loop.pushes
 
     def since(self, tick: int) -> np.ndarray:
@@ -190,7 +190,7 @@ class Session:
 
     @property
     def is_held(self) -> np.ndarray:
-        """Who is held by a hand, bool (num_robots,)."""
+        """Whether a hand holds a robot, bool (num_robots,)."""
         return np.isin(self.everyone, list(self._pulls))
 
     def hand_force(self, robot: int) -> float:
@@ -230,7 +230,7 @@ class Session:
             self._begin[recovered] = NEVER
 
     def _hold(self) -> None:
-        """What hands pull at in the next step."""
+        """Set the forces of hands in the next step."""
         seconds = TICKS_PER_STEP / CONTROL_HZ
         for robot, (body, force) in self._pulls.items():
             ids, now = np.array([robot]), self.loop.tick[[robot]]

@@ -13,7 +13,7 @@ from surefoot.robots import Robot
 from surefoot.task.agent import Agent
 
 _CHECKPOINTS = (f"last{SUFFIX}", f"best{SUFFIX}")
-"""What a run folder offers: the newest first."""
+"""Policies of a run folder, the newest first."""
 
 
 class PolicySource:

@@ -17,7 +17,7 @@ from surefoot.rates import CONTROL_HZ, TICKS_PER_STEP
 
 
 class State(IntEnum):
-    """What a robot is doing."""
+    """The state of a robot."""
 
     STANDING = 0
     RECOVERING = 1
