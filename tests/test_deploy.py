@@ -45,11 +45,11 @@ def run(*command: object) -> subprocess.CompletedProcess[str]:
 
 
 def spoilt(folder: Path, column: str) -> Path:
-    """The vectors with one number of a column off by 0.2 in the middle of the run."""
+    """The vectors with one number of a column off by 0.5 in the middle of the run."""
     with (folder / "vectors.csv").open(newline="") as stream:
         header, *rows = csv.reader(stream)
     place = next(i for i, name in enumerate(header) if name.startswith(column))
-    rows[250][place] = repr(float(rows[250][place]) + 0.2)
+    rows[250][place] = repr(float(rows[250][place]) + 0.5)
     path = folder / f"spoilt-{column}.csv"
     with path.open("w", newline="") as stream:
         csv.writer(stream, lineterminator="\n").writerows([header, *rows])
@@ -72,7 +72,7 @@ def test_a_number_that_is_off_is_noticed(exported: Path, column: str) -> None:
         sys.executable, DEPLOY / "runtime.py", exported / "policy.onnx", spoilt(exported, f"{column}."), "--fast"
     )
     assert done.returncode == 1
-    assert f"{column}: largest difference 2.0e-01" in done.stdout
+    assert f"{column}: largest difference 5.0e-01" in done.stdout
 
 
 @pytest.fixture(scope="module")
