@@ -163,7 +163,7 @@ def test_a_wrong_teacher_gets_one_line(runs: Path, robot: Robot) -> None:
     assert refusal({"policy": "nobody"}).startswith("cannot read policy nobody")
     assert refusal({"policy": "bold", "wait": 2.0}) == (
         "unknown key of the teacher bold; valid: policy, beyond, beyond_standing, capture_point, beyond_held, "
-        "vertical_speed, weight"
+        "under_noise, falling, rising, weight"
     )
     (runs / "bold" / "best.onnx").write_bytes(constant(robot, 0.5, past=2))
     assert "has a memory" in refusal({"policy": "bold"})

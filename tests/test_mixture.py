@@ -97,7 +97,7 @@ def mixture_config() -> TrainConfig:
     """A mixture of two shipped policies for tiny runs."""
     pushes = DisturbanceConfig(impulse=(20.0, 120.0), first=(0.2, 0.6))
     env = make_env(1, pose="bent", action_scale=0.6, disturbance=pushes, noise_share=0.5, observation_noise=0.5).config
-    far = {"policy": "ddpg", "capture_point": (0.15,), "vertical_speed": 2.0}
+    far = {"policy": "ddpg", "capture_point": (0.15,), "falling": 2.0}
     teachers = ({"policy": "trpo"}, {"policy": "ppo", "capture_point": (0.05,)}, far)
     hyper = {"teachers": teachers, "mixture": True, "learning_rate": 1e-3, "batch_size": 64, "gradient_steps": 4.0}
     values = {"steps": 400, "num_envs": 8, "actor": (32, 32), "noise": (0.0, 0.02), "env": env, "hyper": hyper}
@@ -138,6 +138,23 @@ def test_a_mixture_refuses_teachers_that_it_cannot_take_in(tmp_path: Path) -> No
     wide = dataclasses.replace(config, env=dataclasses.replace(config.env, action_scale=0.8))
     with pytest.raises(UserError, match=r"has the action scale 0\.6, less than the mixture's 0\.8"):
         Distiller(wide, RunFolder(tmp_path / "mixture"), num_threads=1)
-    student = Distiller(config, RunFolder.create(tmp_path / "start", config), num_threads=1).student
-    with pytest.raises(UserError, match="a mixture begins with its teachers"):
-        student.take_policy(load_policy("ppo"))
+
+
+def test_a_mixture_goes_on_with_the_trunk_of_another_whose_teachers_may_be_others(tmp_path: Path) -> None:
+    config = mixture_config()
+    first = Distiller(config, RunFolder.create(tmp_path / "first", config), num_threads=1)
+    observations = first.begin()
+    for _ in range(5):
+        observations = first.step(observations)
+    file = NetworkAgent(first.student.policy_bytes({}), "mixture")
+    far, *others = reversed(config.hyper["teachers"])
+    config = dataclasses.replace(
+        config, hyper={**config.hyper, "teachers": (others[1], others[0], {**far, "falling": 1.0})}
+    )
+    second = Distiller(config, RunFolder.create(tmp_path / "second", config), start=file, num_threads=1)
+    inputs = torch.from_numpy(first.student.inputs(observations))
+    with torch.no_grad():
+        was, now = first.student.network.trunk(inputs), second.student.network.trunk(inputs)
+    np.testing.assert_allclose(now, was, atol=1e-3)
+    with pytest.raises(UserError, match="a mixture cannot go on with ppo: it has another number of inputs"):
+        second.student.take_policy(load_policy("ppo"))

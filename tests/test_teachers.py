@@ -110,7 +110,7 @@ def test_a_robot_that_falls_fast_listens_to_the_teacher_for_that_and_a_dropped_o
 ) -> None:
     config = {"drop_share": 1.0, "drop_height": (1.0, 1.0), "disturbance": pushed(60.0)}
     env = make_env(1, pose="bent", action_scale=0.8, **config)
-    second, third = Teacher(agent(robot, 0.1), {"root": [1e3]}), Teacher(agent(robot, 0.2), vertical_speed=2.0)
+    second, third = Teacher(agent(robot, 0.1), {"root": [1e3]}), Teacher(agent(robot, 0.2), falling=2.0)
     teachers = Teachers([Teacher(agent(robot, 0.0)), second, third], env)
     env.reset(seed=0)
     teachers.begin(env.loop.observe(slice(None)))
@@ -122,6 +122,26 @@ def test_a_robot_that_falls_fast_listens_to_the_teacher_for_that_and_a_dropped_o
     # g t is 2 m/s at 0.204 s, and at 0.24 s, the end of the sixth policy step, 2.4 m/s, of which the filter shows more
     # than 2. 60 Ns at 0.2 s are 0.4 m/s, none of them downwards.
     assert levels == [1, 1, 1, 1, 1, 2, 2, 2]
+
+
+def test_under_noise_the_border_is_nearer_in_proportion_to_the_noise(robot: Robot) -> None:
+    env = make_env(1, pose="bent", action_scale=0.8, disturbance=pushed(24.0))
+    env.reset(seed=0)
+    start = env.loop.observe(slice(None))
+    for _ in range(8):
+        env.step(np.zeros((1, 11)))
+    pushed_away = env.loop.observe(slice(None))
+    away = float(np.linalg.norm(from_feet(robot, pushed_away) - from_feet(robot, start)))
+    second = Teacher(agent(robot, 0.1), capture_point=[1.6 * away] * 4, under_noise=0.5)
+    teachers = Teachers([Teacher(agent(robot, 0.0)), second], env)
+    levels = []
+    for noise in (0.0, 0.5, 1.0):
+        env.noise_share[:] = noise
+        teachers.begin(start)
+        teachers.update(pushed_away, np.ones(1, bool))
+        levels.append(int(teachers.level[0]))
+    # The border is 1.6 times as far as the capture point, then 0.75 of that, which is 1.2, then half of it, 0.8.
+    assert levels == [0, 0, 1]
 
 
 def test_a_capture_point_that_is_held_is_nearer_than_one_that_is_lost(robot: Robot) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from surefoot.learning.actor import put_layers
 from surefoot.learning.networks import linear_modules, mlp
 
 Layers = list[tuple[np.ndarray, np.ndarray]]
@@ -68,6 +69,30 @@ class MixtureNetwork(nn.Module):
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return the actions."""
         return self.parts(inputs)[0]
+
+    def put_trunk(self, layers: Layers) -> None:
+        """Take the trunk of a mixture with the same sizes and as many teachers, which may be others.
+
+        Args:
+            layers: of that mixture, as `layers` returns them.
+
+        Raises:
+            ValueError: they are not those of such a mixture.
+        """
+        observed, modules = self.num_observed, linear_modules(self.trunk)
+        ours, theirs = self.layers()[:3], layers[:3]
+        if [weight.shape for weight, _ in ours] != [weight.shape for weight, _ in theirs]:
+            raise ValueError("its trunk has other sizes, or it has more or fewer teachers")
+        if any(np.abs(a[-observed:] - b[-observed:]).max() > 1e-4 for (a, _), (b, _) in zip(ours, theirs, strict=True)):
+            raise ValueError("it is no mixture")
+        columns = [None, modules[0].out_features, modules[1].out_features]
+        trunk = [
+            (weight[: layer.out_features, :width], bias[: layer.out_features])
+            for (weight, bias), layer, width in zip(theirs, modules, columns, strict=True)
+        ]
+        scale = np.where(np.arange(modules[2].out_features) < observed, 1.0 / _PASS, 1.0)
+        trunk[2] = (scale[:, None] * trunk[2][0], scale * trunk[2][1])
+        put_layers(self.trunk, trunk)
 
     def layers(self) -> Layers:
         """Return the same as one chain of linear layers with tanh between them."""

@@ -191,8 +191,17 @@ class MixtureStudent(Student):
         return action_error + (clear - truth).square().mean(dim=1) + GATE_WEIGHT * surprise
 
     def take_policy(self, policy: NetworkAgent) -> None:
-        """Raise a UserError: what a mixture is made of cannot be told from its file."""
-        raise UserError("a mixture begins with its teachers, not with another policy; use --resume to go on")
+        """Go on with the trunk of a mixture with the same sizes and as many teachers, which may be others.
+
+        Raises:
+            UserError: the policy is no such mixture.
+        """
+        try:
+            if policy.contract.num_inputs != len(self.normalise.mean):
+                raise ValueError("it has another number of inputs")
+            self.network.put_trunk(policy.layers(self.normalise.mean, self.normalise.std))
+        except ValueError as error:
+            raise UserError(f"a mixture cannot go on with {policy.name}: {error}") from error
 
     def _taken_in(self, teacher: NetworkAgent) -> list[tuple[np.ndarray, np.ndarray]]:
         """A teacher's layers on the normalised observation, in the student's actions."""

@@ -62,20 +62,24 @@ class Teacher:
         capture_point: border of the distance of the capture point from its place at the start [m], in evenly spaced
             directions, counter-clockwise from +x, linear between them. A robot whose capture point is beyond it has
             this teacher, whatever impulse it has felt. If it is empty, only the impulse counts.
-        vertical_speed: a robot whose CoM falls or rises faster than this has this teacher [m/s].
+        under_noise: share of `capture_point` that holds for a robot with the largest noise of the training; with less
+            noise it is in proportion nearer to 1. A robot that sees its capture point imprecisely then changes
+            teachers earlier.
+        falling, rising: a robot whose CoM falls or rises faster than this has this teacher [m/s].
         weight: weight of its labels while a robot recovers from a push.
     """
 
     policy: NetworkAgent
     beyond: Mapping[str, Sequence[float]] = field(default_factory=dict)
     capture_point: Sequence[float] = ()
-    vertical_speed: float = math.inf
+    under_noise: float = 1.0
+    falling: float = math.inf
+    rising: float = math.inf
     weight: float = 1.0
 
     def borders(self) -> dict[str, Any]:
         """Return where the teacher begins to label, as a checkpoint keeps it."""
-        vertical = {"vertical_speed": self.vertical_speed} if math.isfinite(self.vertical_speed) else {}
-        return {"beyond": dict(self.beyond), "capture_point": list(self.capture_point)} | vertical
+        return {"beyond": dict(self.beyond), "capture_point": list(self.capture_point)}
 
 
 class Teachers:
@@ -105,7 +109,8 @@ class Teachers:
             for body, impulses in teacher.beyond.items():
                 self._limits[row, env.robot.body_id(body)] = by_degree(impulses)
         self._reach = np.array([by_degree(t.capture_point or [np.inf]) for t in teachers[1:]]).reshape(-1, 360)
-        self._vertical = np.array([t.vertical_speed for t in teachers[1:]]).reshape(-1, 1)
+        self._vertical = np.array([(-t.falling, t.rising) for t in teachers[1:]]).reshape(-1, 2, 1)
+        self._under_noise = np.array([t.under_noise for t in teachers[1:]]).reshape(-1, 1)
         self._indices = np.arange(1, len(teachers)).reshape(-1, 1)
         names = observation.component_names(env.robot)
         vectors = "com_velocity", "left_foot_position", "right_foot_position"
@@ -146,7 +151,8 @@ class Teachers:
         body, impulse = env.felt_push()
         degrees = np.degrees(np.angle(impulse)).astype(np.int64) % 360
         beyond = np.abs(impulse) > self._limits[:, body, degrees]
-        beyond |= self._out_of_reach(observations, ended) | (np.abs(velocity[:, 2]) > self._vertical)
+        beyond |= (velocity[:, 2] < self._vertical[:, 0]) | (velocity[:, 2] > self._vertical[:, 1])
+        beyond |= self._out_of_reach(observations, ended)
         np.maximum(level, (beyond * self._indices).max(axis=0, initial=0), out=level)
         lands = env.was_dropped & (env.loop.tick < LANDED_S * CONTROL_HZ)
         level[lands] = np.maximum(level[lands], min(1, len(self.teachers) - 1))
@@ -201,8 +207,9 @@ class Teachers:
         soon = np.where(ended, here, 2.0 * here - self._last_capture_point)
         self._last_capture_point = here
         far = FAR * self.env.robot.length_scale
+        share = 1.0 - (1.0 - self._under_noise) * self.env.noise_share
         beyond = [
-            np.abs(point) > self._reach[:, np.degrees(np.angle(point)).astype(np.int64) % 360] + margin
+            np.abs(point) > share * self._reach[:, np.degrees(np.angle(point)).astype(np.int64) % 360] + margin
             for point, margin in ((here, 0.0), (soon, far))
         ]
         return np.logical_or(*beyond)
@@ -228,7 +235,7 @@ def read_teachers(
     Args:
         tables: one for each teacher, with the keys
             `policy`: a stage of the same run, a shipped policy, or a policy file;
-            `beyond`, `capture_point`, `vertical_speed` and `weight`: see `Teacher`;
+            `beyond`, `capture_point`, `under_noise`, `falling`, `rising` and `weight`: see `Teacher`;
             `beyond_standing`: words of bodies. Beyond the largest push there from which the first teacher recovers
             without a step, a robot listens to this teacher. That is measured, which takes minutes.
             `beyond_held`: true if a robot listens to this teacher whose capture point is farther than where the first
@@ -251,7 +258,7 @@ def read_teachers(
         try:
             teachers.append(Teacher(policy, **values))
         except TypeError as error:
-            valid = "policy, beyond, beyond_standing, capture_point, beyond_held, vertical_speed, weight"
+            valid = "policy, beyond, beyond_standing, capture_point, beyond_held, under_noise, falling, rising, weight"
             raise UserError(f"unknown key of the teacher {table.get('policy')}; valid: {valid}") from error
     return teachers
 

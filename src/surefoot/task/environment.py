@@ -255,6 +255,11 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         return pushes.body[:, PUSH], force * begun * CONTROL_DT
 
     @property
+    def noise_share(self) -> np.ndarray:
+        """Noise of each robot's episode as a share of the largest: (N,)."""
+        return self._noise
+
+    @property
     def was_dropped(self) -> np.ndarray:
         """Whether a robot's episode began in the air: (N,)."""
         return self._dropped
