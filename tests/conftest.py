@@ -33,15 +33,6 @@ from surefoot.task.environment import EnvConfig, PushRecoveryVectorEnv
 from surefoot.task.random_pushes import DisturbanceConfig
 from surefoot.task.reward import RewardContext
 
-
-def pytest_configure() -> None:
-    """Give each worker of pytest-xdist cores of its own: a batch on all cores would wait for the other workers."""
-    worker, usable = os.environ.get("PYTEST_XDIST_WORKER"), getattr(os, "sched_getaffinity", None)
-    if worker and usable:
-        number, cores = int(os.environ["PYTEST_XDIST_WORKER_COUNT"]), sorted(usable(0))
-        os.sched_setaffinity(0, set(cores[int(worker[2:]) % len(cores) :: number]))
-
-
 TOTAL_MASS = 137.287494
 """Of NASA's description [kg]."""
 PUSH = np.array([300.0, -150.0, 80.0])
