@@ -72,7 +72,8 @@ def student_config(**changes: object) -> TrainConfig:
         "batch_size": 64,
         "learning_rate": 3e-3,
     }
-    env = dataclasses.replace(config.env, noise_share=0.5)
+    pushes = dataclasses.replace(config.env.disturbance, lift_share=0.0)
+    env = dataclasses.replace(config.env, noise_share=0.5, drop_share=0.0, disturbance=pushes)
     return dataclasses.replace(config, hyper=hyper, env=env, num_envs=8, actor=(16,), **changes)
 
 
@@ -87,17 +88,16 @@ def runs(tmp_path: Path, robot: Robot) -> Path:
 def test_a_student_learns_what_it_is_told_and_remembers_its_past(runs: Path) -> None:
     config = student_config()
     distiller = Distiller(config, RunFolder.create(runs / "student", config), num_threads=1)
-    observations, _ = distiller.env.reset(seed=0)
-    distiller.teachers.begin(distiller.env.loop.observe(slice(None), with_errors=False))
+    observations = distiller.begin()
 
     def error() -> float:
         actions = distiller.student.act(distiller.student.inputs(observations))
         return float(np.square(actions - np.where(distiller.teachers.level == 1, 0.5, 0.4)[:, None]).mean())
 
     before = error()
-    for _ in range(40):
+    for _ in range(60):
         observations = distiller.step(observations)
-    assert error() < 0.1 * before
+    assert error() < 0.2 * before
     data = distiller.student.policy_bytes({})
     policy = NetworkAgent(data, "student")
     assert (policy.contract.past_observations, policy.contract.past_actions) == (7, 8)
