@@ -60,7 +60,7 @@ class DistillConfig:
         follow_share: share of the robots that follow their teacher at first. It falls to zero.
         either: see `Teachers.labels`.
         recovering_weight: weight of labels within `RECOVERING_S` of a push. Other labels have 1.
-        mixture: build the student from its two teachers, see `MixtureNetwork`.
+        mixture: build the student from its teachers, see `MixtureNetwork`.
     """
 
     teachers: tuple[Mapping[str, Any], ...]

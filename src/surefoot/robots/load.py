@@ -43,7 +43,7 @@ def load_robot(name: str | Path) -> Robot:
         name: a shipped robot's name, or the path of a description (.toml).
 
     Raises:
-        UserError: there is no such robot, or its description or model is wrong; the message names the fault.
+        UserError: no robot has this name, or its description or model has a fault, which the message names.
     """
     return _load(_file(name), str(name))
 

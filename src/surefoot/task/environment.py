@@ -144,6 +144,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
     Attributes:
         reward_means: mean of every term of the reward in the last step, see `reward.step_reward`.
         generator: the random generator of everything that is drawn.
+        noise_share: noise of each robot's episode as a share of the largest (N,).
     """
 
     metadata = {
@@ -171,7 +172,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self._dropped = np.zeros(num_envs, bool)
         self._pays_posture = np.ones(num_envs, bool)
         self._heading = np.ones(num_envs, complex)
-        self._noise = np.zeros(num_envs)
+        self.noise_share = np.zeros(num_envs)
         self._waiting = np.zeros(num_envs, bool)
         self._early_ends = EarlyEnds(self.robot, num_envs, config.foot_shift_limit, config.joint_speed_limit)
         self._foot_shift_impulse = by_degree(np.atleast_1d(config.foot_shift_impulse or 0.0))
@@ -240,7 +241,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         loop = self.loop
         pushes = self._privileged.next_push(loop.pushes, loop.tick, self._heading)
         may_not_step = self.step_penalty_share() if self.config.foot_shift_limit is None else ~self._may_step()
-        return np.column_stack([pushes, may_not_step, self._pays_posture, self._noise])
+        return np.column_stack([pushes, may_not_step, self._pays_posture, self.noise_share])
 
     def felt_push(self) -> tuple[np.ndarray, np.ndarray]:
         """Return what each robot has felt of its last push until now.
@@ -253,11 +254,6 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         begun = np.clip(self.loop.tick - pushes.start[:, PUSH], 0, pushes.end[:, PUSH] - pushes.start[:, PUSH])
         force = horizontal(pushes.force[:, PUSH]) * self._heading.conj()
         return pushes.body[:, PUSH], force * begun * CONTROL_DT
-
-    @property
-    def noise_share(self) -> np.ndarray:
-        """Noise of each robot's episode as a share of the largest: (N,)."""
-        return self._noise
 
     @property
     def was_dropped(self) -> np.ndarray:
@@ -319,7 +315,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
         self._dropped[ids] = dropped
         self._pays_posture[ids] = True
         self._heading[ids] = 1.0
-        self._noise[ids] = 0.0
+        self.noise_share[ids] = 0.0
         self._early_ends.reset(ids)
         if config.noise_share:
             self._add_noise(ids[rng.random(n) < config.noise_share])
@@ -341,7 +337,7 @@ class PushRecoveryVectorEnv(gym.vector.VectorEnv):
 
     def _add_noise(self, ids: np.ndarray) -> None:
         """Give robots `ids` (n,) noise of a random size."""
-        self._noise[ids] = size = self.generator.random(len(ids))
+        self.noise_share[ids] = size = self.generator.random(len(ids))
         seeds = self.generator.integers(2**31, size=len(ids))
         for robot, share, seed in zip(ids, size, seeds, strict=True):
             noise = Imperfections(share * self.config.observation_noise, share * self.config.action_noise)
