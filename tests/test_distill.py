@@ -163,8 +163,8 @@ def test_a_wrong_teacher_gets_one_line(runs: Path, robot: Robot) -> None:
 
     assert refusal({"policy": "nobody"}).startswith("cannot read policy nobody")
     assert refusal({"policy": "bold", "wait": 2.0}) == (
-        "unknown key of the teacher bold; valid: policy, beyond, beyond_standing, capture_point, beyond_held, "
-        "under_noise, falling, rising, weight"
+        "unknown key of the teacher bold; valid: policy, beyond_standing, beyond_held, beyond, capture_point, "
+        "under_noise, falling, rising, leaning, weight"
     )
     (runs / "bold" / "best.onnx").write_bytes(constant(robot, 0.5, past=2))
     assert "has a memory" in refusal({"policy": "bold"})

@@ -20,6 +20,7 @@ from surefoot.learning.networks import linear_modules
 from surefoot.learning.preset_file import preset
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.student import MixtureStudent
+from surefoot.learning.warm_start import warm_start
 from surefoot.task.random_pushes import DisturbanceConfig
 
 NUM_OBSERVED, NUM_INPUTS, NUM_JOINTS = 47, 464, 11
@@ -146,12 +147,15 @@ def test_a_mixture_goes_on_with_the_trunk_of_another_whose_teachers_may_be_other
     observations = first.begin()
     for _ in range(5):
         observations = first.step(observations)
-    file = NetworkAgent(first.student.policy_bytes({}), "mixture")
+    file = tmp_path / "first.onnx"
+    file.write_bytes(first.student.policy_bytes({}))
     far, *others = reversed(config.hyper["teachers"])
     config = dataclasses.replace(
         config, hyper={**config.hyper, "teachers": (others[1], others[0], {**far, "falling": 1.0})}
     )
-    second = Distiller(config, RunFolder.create(tmp_path / "second", config), start=file, num_threads=1)
+    start = warm_start(config, file)
+    assert isinstance(start, NetworkAgent)
+    second = Distiller(config, RunFolder.create(tmp_path / "second", config), start=start, num_threads=1)
     inputs = torch.from_numpy(first.student.inputs(observations))
     with torch.no_grad():
         was, now = first.student.network.trunk(inputs), second.student.network.trunk(inputs)

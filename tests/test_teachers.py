@@ -15,6 +15,7 @@ from surefoot.learning.capture_points import from_feet, held_capture_points
 from surefoot.learning.teachers import Teacher, Teachers
 from surefoot.physics.mujoco_engine import MujocoEngine
 from surefoot.robots import Robot, load_robot
+from surefoot.task import observation
 from surefoot.task.random_pushes import DisturbanceConfig
 
 
@@ -122,6 +123,26 @@ def test_a_robot_that_falls_fast_listens_to_the_teacher_for_that_and_a_dropped_o
     # g t is 2 m/s at 0.204 s, and at 0.24 s, the end of the sixth policy step, 2.4 m/s, of which the filter shows more
     # than 2. 60 Ns at 0.2 s are 0.4 m/s, none of them downwards.
     assert levels == [1, 1, 1, 1, 1, 2, 2, 2]
+
+
+def test_a_dropped_robot_that_leans_listens_to_the_teacher_for_that_until_it_has_landed(robot: Robot) -> None:
+    def levels(lean: float) -> list[int]:
+        env = make_env(1, pose="bent", action_scale=0.8, drop_share=1.0, drop_height=(0.3, 0.3))
+        second, third = Teacher(agent(robot, 0.1)), Teacher(agent(robot, 0.2), leaning=0.1)
+        teachers = Teachers([Teacher(agent(robot, 0.0)), second, third], env)
+        env.reset(seed=0)
+        at_rest = env.loop.observe(slice(None))
+        teachers.begin(at_rest)
+        at_rest[0, observation.component_names(robot).index("pelvis_attitude.roll")] = lean
+        found = []
+        for _ in range(3):
+            env.step(np.zeros((1, 11)))
+            teachers.update(at_rest, np.zeros(1, bool))
+            found.append(int(teachers.level[0]))
+        return found
+
+    assert levels(0.09) == [1, 1, 1]
+    assert levels(-0.11) == [2, 2, 2]
 
 
 def test_under_noise_the_border_is_nearer_in_proportion_to_the_noise(robot: Robot) -> None:

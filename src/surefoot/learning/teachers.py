@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,7 @@ class Teacher:
             noise it is in proportion nearer to 1. A robot that sees its capture point imprecisely then changes
             teachers earlier.
         falling, rising: a robot whose CoM falls or rises faster than this has this teacher [m/s].
+        leaning: a dropped robot whose pelvis rolls or pitches by more than this has this teacher [rad].
         weight: weight of its labels while a robot recovers from a push.
     """
 
@@ -75,6 +76,7 @@ class Teacher:
     under_noise: float = 1.0
     falling: float = math.inf
     rising: float = math.inf
+    leaning: float = math.inf
     weight: float = 1.0
 
     def borders(self) -> dict[str, Any]:
@@ -111,10 +113,12 @@ class Teachers:
         self._reach = np.array([by_degree(t.capture_point or [np.inf]) for t in teachers[1:]]).reshape(-1, 360)
         self._vertical = np.array([(-t.falling, t.rising) for t in teachers[1:]]).reshape(-1, 2, 1)
         self._under_noise = np.array([t.under_noise for t in teachers[1:]]).reshape(-1, 1)
+        self._leaning = np.array([t.leaning for t in teachers[1:]]).reshape(-1, 1)
         self._indices = np.arange(1, len(teachers)).reshape(-1, 1)
         names = observation.component_names(env.robot)
         vectors = "com_velocity", "left_foot_position", "right_foot_position"
         self._columns = {name: names.index(f"{name}.x") for name in vectors}
+        self._attitude = [names.index(f"pelvis_attitude.{angle}") for angle in ("roll", "pitch")]
         self._home = np.zeros(3)
         self._home_capture_point = np.zeros(2)
         self._last_capture_point = np.zeros(env.num_envs, complex)
@@ -153,8 +157,9 @@ class Teachers:
         beyond = np.abs(impulse) > self._limits[:, body, degrees]
         beyond |= (velocity[:, 2] < self._vertical[:, 0]) | (velocity[:, 2] > self._vertical[:, 1])
         beyond |= self._out_of_reach(observations, ended)
-        np.maximum(level, (beyond * self._indices).max(axis=0, initial=0), out=level)
         lands = env.was_dropped & (env.loop.tick < LANDED_S * CONTROL_HZ)
+        beyond |= lands & (np.abs(observations[:, self._attitude]).max(axis=1) > self._leaning)
+        np.maximum(level, (beyond * self._indices).max(axis=0, initial=0), out=level)
         level[lands] = np.maximum(level[lands], min(1, len(self.teachers) - 1))
 
     def labels(self, observations: np.ndarray, actions: np.ndarray, either: float) -> tuple[np.ndarray, np.ndarray]:
@@ -235,7 +240,7 @@ def read_teachers(
     Args:
         tables: one for each teacher, with the keys
             `policy`: a stage of the same run, a shipped policy, or a policy file;
-            `beyond`, `capture_point`, `under_noise`, `falling`, `rising` and `weight`: see `Teacher`;
+            `beyond`, `capture_point`, `under_noise`, `falling`, `rising`, `leaning` and `weight`: see `Teacher`;
             `beyond_standing`: words of bodies. Beyond the largest push there from which the first teacher recovers
             without a step, a robot listens to this teacher. That is measured, which takes minutes.
             `beyond_held`: true if a robot listens to this teacher whose capture point is farther than where the first
@@ -258,7 +263,8 @@ def read_teachers(
         try:
             teachers.append(Teacher(policy, **values))
         except TypeError as error:
-            valid = "policy, beyond, beyond_standing, capture_point, beyond_held, under_noise, falling, rising, weight"
+            names = ["policy", *_MEASURED, *(each.name for each in fields(Teacher)[1:])]
+            valid = ", ".join(names)
             raise UserError(f"unknown key of the teacher {table.get('policy')}; valid: {valid}") from error
     return teachers
 

@@ -119,7 +119,8 @@ def _check_policy(config: TrainConfig, policy: NetworkAgent, source: str | Path)
         _check_same(source, "algorithm", algorithm, config.algorithm)
     for name in ("past_observations", "past_actions"):
         _check_same(source, name, getattr(contract, name), getattr(config, name))
-    _check_same(source, "hidden layers", policy.hidden, hidden)
+    if not config.hyper.get("mixture"):  # a mixture takes another one's trunk, and checks that itself
+        _check_same(source, "hidden layers", policy.hidden, hidden)
     _check_same(source, "robot", contract.robot, env.robot)
     _check_same(source, "nominal pose", contract.nominal_pose, tuple(load_robot(env.robot).pose(env.pose).tolist()))
     _check_same(source, "action_scale", contract.action_scale, env.action_scale)
