@@ -112,10 +112,17 @@ def _add_up(points: list[Any], columns: np.ndarray) -> None:
     if not points:
         return
     total = sum(point[_NORMAL_FORCE] for point in points)
-    shares = [point[_NORMAL_FORCE] / total if total > 0.0 else 1.0 / len(points) for point in points]
-    cx, cy, cz = (sum(s * p[_PLACE][i] for s, p in zip(shares, points, strict=True)) for i in range(3))
-    columns[0], columns[7:10] = len(points), (cx, cy, cz)
+    cx = cy = cz = fx = fy = fz = tx = ty = tz = 0.0
     for point in points:  # in plain numbers: arrays of three are several times slower
-        x, y, z = (sum(point[size] * point[direction][i] for size, direction in _FORCES) for i in range(3))
-        dx, dy, dz = point[_PLACE][0] - cx, point[_PLACE][1] - cy, point[_PLACE][2] - cz
-        columns[1:7] += (x, y, z, dy * z - dz * y, dz * x - dx * z, dx * y - dy * x)
+        x, y, z = point[_PLACE]
+        normal, first, second = (point[size] for size, _ in _FORCES)
+        (nx, ny, nz), (ax, ay, az), (bx, by, bz) = (point[direction] for _, direction in _FORCES)
+        px = normal * nx + first * ax + second * bx
+        py = normal * ny + first * ay + second * by
+        pz = normal * nz + first * az + second * bz
+        share = normal / total if total > 0.0 else 1.0 / len(points)
+        cx, cy, cz = cx + share * x, cy + share * y, cz + share * z
+        fx, fy, fz = fx + px, fy + py, fz + pz
+        tx, ty, tz = tx + y * pz - z * py, ty + z * px - x * pz, tz + x * py - y * px
+    moved = cy * fz - cz * fy, cz * fx - cx * fz, cx * fy - cy * fx
+    columns[:] = len(points), fx, fy, fz, tx - moved[0], ty - moved[1], tz - moved[2], cx, cy, cz

@@ -266,7 +266,7 @@ class BulletWorld:
         return np.array([state[0] for state in states]) + self._urdf.joint_reference, np.array([s[1] for s in states])
 
     def _step(self, torque: np.ndarray) -> None:
-        self._set_torques(forces=torque)
+        self._set_torques(forces=torque.tolist())
         self._step_simulation()
 
     def _push(self, body: int, wrench: np.ndarray) -> None:
