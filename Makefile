@@ -103,7 +103,8 @@ results-ring: $(READY)
 # What PyBullet keeps of the shipped policies' thresholds at the root.
 results-engines: $(READY)
 	for p in $(ALGORITHMS); do for e in mujoco pybullet; do \
-	    $(BIN)/surefoot evaluate $$p --engine $$e --results runs/engines.sqlite || exit 1; done; done
+	    $(BIN)/surefoot evaluate $$p --engine $$e --results runs/engines.sqlite \
+	        --export-thresholds results/engines.csv || exit 1; done; done
 	$(BIN)/surefoot report runs/engines.sqlite --out runs/engines.html --markdown runs/engines.md
 
 # How policies, robots and engines answer pushes, an hour on two cores; surefoot pictures draws it.

@@ -52,7 +52,7 @@ def digests() -> dict[str, str]:
 
 def reasons(row: ThresholdRow) -> list[str]:
     """Why a row would be measured anew; nothing if it holds. Policies that do not come with the package always hold."""
-    now = Setup.now(row.key.setup.robot)
+    now = Setup.now(row.key.setup.robot, row.key.setup.engine_word)
     found = row.key.setup.differences(now)
     if digests().get(row.name, row.key.agent) != row.key.agent:
         found.append("the agent was another one")
@@ -84,7 +84,7 @@ def test_no_row_claims_a_setup_that_it_cannot_have(file: Path) -> None:
         assert setup.protocol in FINGERPRINTS, row.name
         assert setup.robot in shipped_robots(), row.name
         assert setup.robot_fingerprint in ROBOTS[setup.robot], row.name
-        assert re.fullmatch(r"mujoco \d+\.\d+\.\d+", setup.engine), row.name
+        assert re.fullmatch(r"(mujoco|pybullet) \d+\.\d+\.\d+", setup.engine), row.name
         assert re.fullmatch(r"[0-9a-f]{64}", row.key.agent), row.name
 
 

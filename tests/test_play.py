@@ -16,6 +16,7 @@ from surefoot.agents.load import load_policy
 from surefoot.errors import UserError
 from surefoot.viewer import browser
 from surefoot.viewer.page import Page
+from surefoot.viewer.server import camera_place
 from surefoot.viewer.source import PolicySource
 from surefoot.viewer.verdict import State
 
@@ -263,4 +264,12 @@ def test_on_a_phone_the_scene_stands_above_the_panel_and_the_push_button_is_seen
     seen = button.bounding_box()
     assert seen["y"] + seen["height"] <= 844
     assert until(lambda: bool(tab.locator("[data-surefoot=phone] b").first.text_content()))
+    usual, target = camera_place(1, 1.0)
+    # Farther away, so that the distances on the floor are not cut off at the sides.
+    far = 1.1 * np.linalg.norm(usual - target)
+    assert until(lambda: max(np.linalg.norm(camera - target) for camera in cameras(page)) > far)
     context.close()
+
+
+def cameras(page):
+    return [np.asarray(client.camera.position) for client in page.server.get_clients().values()]

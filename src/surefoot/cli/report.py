@@ -61,8 +61,9 @@ class Report:
 class Table:
     """Print a table of exported thresholds, for a terminal or a page."""
 
-    thresholds: Annotated[Path, tyro.conf.Positional]
-    """A .csv file that `surefoot evaluate --export-thresholds` wrote."""
+    thresholds: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Files (.csv) that `surefoot evaluate --export-thresholds` wrote. If a policy is in several of them, the first
+    one counts."""
     show: Literal["main", "summary", "worst", "seeds"] = "main"
     """main: Table I beside the paper's. summary: one row for each policy. worst: the worst direction of every scenario.
     seeds: median and range over the policies of one algorithm, which are named ALGORITHM-SEED."""
@@ -72,15 +73,16 @@ class Table:
     def main(self) -> None:
         """Print the table."""
         from surefoot.agents.load import usual_robot
-        from surefoot.evaluation.results_export import read_thresholds
+        from surefoot.evaluation.results_export import read_by_robot
         from surefoot.report.paper_tables import table_1
         from surefoot.report.threshold_tables import seeds_table, summary_table, worst_table
 
-        policies = read_thresholds(self.thresholds)
+        by_robot = read_by_robot(self.thresholds)
+        policies = {name: found for (name, _), found in by_robot.items()}
         if self.show == "seeds":
             table = seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
         elif self.show == "summary":
-            table = summary_table(policies)
+            table = summary_table(by_robot)
         elif self.show == "worst":
             table = worst_table(policies, usual_robot())
         else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -102,6 +102,24 @@ def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
     found: dict[str, list[Threshold]] = {}
     for row in read_threshold_rows(path):
         found.setdefault(row.key.setup.shown(row.name), []).append(row.threshold)
+    return found
+
+
+def read_by_robot(paths: Sequence[str | Path]) -> dict[tuple[str, str], list[Threshold]]:
+    """The exported thresholds of several .csv files, by the policy's name, as in `read_thresholds`, and its robot.
+
+    Of a policy that stands in several files, with the same robot and engine, the rows of the first file count.
+
+    Raises:
+        UserError: a file is missing or is not such a table.
+    """
+    found: dict[tuple[str, str], list[Threshold]] = {}
+    for path in paths:
+        of_file: dict[tuple[str, str], list[Threshold]] = {}
+        for row in read_threshold_rows(path):
+            setup = row.key.setup
+            of_file.setdefault((setup.shown(row.name), setup.robot), []).append(row.threshold)
+        found |= {key: rows for key, rows in of_file.items() if key not in found}
     return found
 
 

@@ -52,6 +52,9 @@ def flat_metrics(
                 figures[f"{named(name.split('_')[0])}.{end}"] = min(t.size for t in found_lines.values())
     figures |= _noise_figures(found)
     figures |= _quiet_figures(fixed)
+    for name, outcomes in fixed.items():
+        figures[f"{name}.trials"] = len(outcomes)
+        figures[f"{name}.recovered"] = sum(outcome.recovered for outcome in outcomes.values())
     figures["audit.worst_torque_ratio"], figures["audit.worst_speed_ratio"] = (round(share, 4) for share in audit)
     for name, bound in zip(DIRECTIONS, capture_point_bound(robot, pose, list(DIRECTIONS.values())), strict=True):
         figures[f"bound.{name}"] = round(bound, 1)

@@ -14,7 +14,7 @@ from surefoot.report.engine_table import engine_table
 from surefoot.report.evaluations import Evaluation, has_several_robots, of_first_robot
 from surefoot.report.metrics import share_kept
 from surefoot.report.paper_tables import has_table_4, published_table, table_1, table_2, table_3, table_4, table_5
-from surefoot.report.policy_tables import quiet_table
+from surefoot.report.policy_tables import fixed_table, quiet_table
 from surefoot.report.ring_table import ring_table
 from surefoot.report.table import Table
 from surefoot.report.threshold_tables import direction_table, scenario_table, seeds_table, worst_table
@@ -63,7 +63,7 @@ def of_policy(evaluation: Evaluation) -> list[Table]:
     found = [direction_table(e.name, e.thresholds, robot, pose)]
     found += [table_2(e.fixed), table_3(e.thresholds, robot, e.steps), *table_5(e.fixed, robot)]
     found += [limits_table(e.thresholds), scenario_table(e.name, others, robot), robustness_table(e.thresholds, robot)]
-    found += [quiet_table(e.fixed), audit_table(e)]
+    found += [fixed_table(e.fixed, robot), quiet_table(e.fixed), audit_table(e)]
     return [table for table in found if table.rows]
 
 

@@ -6,7 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.protocol import protocol_for
+from surefoot.evaluation.scenarios import direction_of
 from surefoot.evaluation.threshold_search import Threshold
+from surefoot.report import paper
 from surefoot.report.paper_tables import has_table_4, table_1, table_2, table_3, table_4, table_5
 from surefoot.report.table import Table
 from surefoot.report.threshold_tables import direction_table, scenario_table
@@ -25,7 +29,7 @@ def all_tables(
         found_tables.append(direction_table(policy.name, thresholds, robot, np.array(policy.contract.nominal_pose)))
     if robot.is_of_the_paper:
         found_tables += _tables_of_the_paper(policy, thresholds, fixed, steps)
-    found_tables.append(quiet_table(fixed))
+    found_tables += [fixed_table(fixed, robot), quiet_table(fixed)]
     if set(found) != {"root_push"}:
         found_tables.append(scenario_table(policy.name, thresholds, robot))
     return [table for table in found_tables if table.rows]
@@ -58,3 +62,27 @@ def quiet_table(fixed: Fixed) -> Table:
         rows.append([scenario.replace("_", " "), f"{len(stood)}/{len(outcomes)}", *values])
     columns = ["", "recovered", "CoM drift [cm]", "mean power [W]", "steps"]
     return Table("Quiet standing", columns, rows, "Largest drift and power, and all steps, in the recovered trials.")
+
+
+def fixed_table(fixed: Fixed, robot: Robot) -> Table:
+    """The scenarios in which nothing is searched, a row per direction, without those that have tables of their own."""
+    elsewhere = {*paper.TABLE_2, *paper.TABLE_5} if robot.is_of_the_paper else set()
+    protocol = protocol_for(robot)
+    rows = []
+    for scenario, trials in fixed.items():
+        if scenario in elsewhere or scenario.startswith("quiet"):
+            continue
+        by_direction: dict[str, list[Outcome]] = {}
+        for trial, outcome in trials.items():
+            by_direction.setdefault(direction_of(trial.push), []).append(outcome)
+        for direction, outcomes in by_direction.items():
+            up = [o for o in outcomes if o.recovered]
+            counts = (
+                len(up),
+                sum(o.is_without_step(protocol.step_length) for o in up),
+                sum(o.is_within_limits(protocol.speed_share) for o in up),
+            )
+            shown = [f"{count}/{len(outcomes)}" for count in counts]
+            rows.append([scenario, direction, *shown, f"{np.median([o.steps for o in outcomes]):g}"])
+    columns = ["scenario", "direction", "recovered", "without a step", "within limits", "steps"]
+    return Table("Fixed disturbances", columns, rows, "Trials that recovered, of all. Steps: median over all trials.")

@@ -24,12 +24,20 @@ from surefoot.report.thresholds import (
     scenario_words,
     worse_of,
 )
-from surefoot.robots import Robot
+from surefoot.robots import Robot, load_robot
 
 LIMITS_NOTE = (
     f"Within limits: no joint exceeds {PROTOCOL.speed_share:g} times its speed limit as a mean over"
     f" {1000 * PROTOCOL.speed_time:g} ms; torques cannot exceed theirs."
 )
+
+_SUMMARY = (
+    ("worst", "root_push", min),
+    ("best", "root_push", max),
+    ("within limits", limited_name("root_push"), min),
+    ("without a step", "root_push_no_step", min),
+)
+"""Columns of the summary: words, the scenario, and which of its directions."""
 
 
 def direction_table(name: str, thresholds: Sequence[Threshold], robot: Robot, pose: np.ndarray) -> Table:
@@ -95,33 +103,40 @@ def worst_table(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Ta
     return Table("The worst direction of every scenario", columns, rows, note)
 
 
-def summary_table(policies: Mapping[str, Sequence[Threshold]]) -> Table:
-    """The hardest pushes that each policy survives, one short row each, the strongest first.
+def summary_table(policies: Mapping[tuple[str, str], Sequence[Threshold]]) -> Table:
+    """The hardest pushes that each policy survives, one short row each: the paper's robot first, the strongest first.
 
     Args:
-        policies: thresholds by the policy's name; "NAME in ENGINE" is the same policy in another engine.
+        policies: thresholds by the policy's name and the robot's; "NAME in ENGINE" is the same policy in another
+            engine. If there are several robots, the worst direction also stands per mass.
     """
-    every = {name: by_scenario(thresholds) for name, thresholds in policies.items()}
-    found = {name: of_one for name, of_one in every.items() if "root_push" in of_one and " in " not in name}
-    engines = dict.fromkeys(name.partition(" in ")[2] for name in every if " in " in name)
+    every = {key: by_scenario(thresholds) for key, thresholds in policies.items()}
+    found = {key: of_one for key, of_one in every.items() if "root_push" in of_one and " in " not in key[0]}
+    engines = dict.fromkeys(name.partition(" in ")[2] for name, _ in every if " in " in name)
+    names = {robot for _, robot in found}
+    robots = {name: load_robot(name) for name in names} if len(names) > 1 else {}
     num_directions = max((len(of_one["root_push"]) for of_one in found.values()), default=0)
     shown = {
-        words: {name: _extreme(of_one, scenario, choose, num_directions) for name, of_one in found.items()}
-        for words, scenario, choose in (
-            ("worst", "root_push", min),
-            ("best", "root_push", max),
-            ("within limits", limited_name("root_push"), min),
-            ("without a step", "root_push_no_step", min),
-        )
+        words: {key: _extreme(of_one, scenario, choose, num_directions) for key, of_one in found.items()}
+        for words, scenario, choose in _SUMMARY
     }
     for engine in engines:
-        there = {name: every.get(f"{name} in {engine}", {}) for name in found}
-        shown[f"in {engine}"] = {name: _extreme(of, "root_push", min, num_directions) for name, of in there.items()}
+        there = {(name, robot): every.get((f"{name} in {engine}", robot), {}) for name, robot in found}
+        shown[f"in {engine}"] = {key: _extreme(of, "root_push", min, num_directions) for key, of in there.items()}
+    worst = {key: min(t.size for t in of_one["root_push"].values()) for key, of_one in found.items()}
+    if robots:
+        shown["worst [Ns/kg]"] = {key: f"{size / robots[key[1]].mass:.2f}" for key, size in worst.items()}
     shown = {words: cells for words, cells in shown.items() if any(cells.values())}
-    by_worst = sorted(found, key=lambda name: -min(t.size for t in found[name]["root_push"].values()))
-    rows = [[name, *(cells[name] for cells in shown.values())] for name in by_worst]
+    order = sorted(found, key=lambda key: (bool(_robot_words(key[1], robots)), key[1], -worst[key]))
+    rows = [[key[0] + _robot_words(key[1], robots), *(cells[key] for cells in shown.values())] for key in order]
     note = f"Values in Ns over {num_directions} directions; any other number of directions is given in brackets."
     return Table("Hardest push that each policy survives", ["", *shown], rows, note)
+
+
+def _robot_words(name: str, robots: Mapping[str, Robot]) -> str:
+    """What follows the name of a policy whose robot is not the paper's; nothing if all have the same robot."""
+    robot = robots.get(name)
+    return "" if robot is None or robot.is_of_the_paper else f" ({name}, {robot.mass:.0f} kg)"
 
 
 def _extreme(of_one: Mapping[str, Mapping[str, Threshold]], scenario: str, choose: Any, num_directions: int) -> str:

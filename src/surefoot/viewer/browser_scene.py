@@ -151,7 +151,7 @@ class BrowserScene:
                     f"{meters} m" + (f" {name}" if meters == 1 else ""),
                     position=place + [0, 0, 0.01],
                     font_size_mode="scene",
-                    font_scene_height=0.045 * self._scale,
+                    font_scene_height=0.05 * self._scale,
                     depth_test=True,
                     anchor="bottom-center",
                 )

@@ -22,7 +22,7 @@ from surefoot.viewer.live_panel import LivePanel, legend_html
 from surefoot.viewer.markup import render
 from surefoot.viewer.playback import Kept, Playback, Shown, Takes
 from surefoot.viewer.player import Player
-from surefoot.viewer.server import add_key_light, camera_place, check_port, start_server, stop_server
+from surefoot.viewer.server import add_key_light, camera_place, check_port, place_camera, start_server, stop_server
 from surefoot.viewer.session import Session
 from surefoot.viewer.source import PolicySource
 from surefoot.viewer.verdict import State
@@ -84,6 +84,7 @@ class Page:
         self.player = Player(session, self._show, lambda: bool(self.server.get_clients()), self._remember)
         self.scene = self._build_scene(session)
         self._build_panels(folders)
+        self.server.on_client_connect(lambda client: place_camera(client.camera, self.scene.num_robots, self._scale))
         self.player.start()
 
     @property
@@ -238,7 +239,7 @@ class Page:
         if shown.num_robots != self.scene.num_robots:
             self._rebuild_scene(shown)
             for client in self.server.get_clients().values():
-                client.camera.position, client.camera.look_at = camera_place(shown.num_robots, self._scale)
+                place_camera(client.camera, shown.num_robots, self._scale)
 
     def _watched_of(self, shown: Shown) -> int:
         return min(self.watched, shown.num_robots - 1)

@@ -15,6 +15,8 @@ from surefoot.viewer.guard import Guard
 
 _FIELD_OF_VIEW = 38.0
 """Of the camera [deg]."""
+_STEP_BACK = 1.15
+"""Distance of the camera from its target where the window is narrow, as a multiple of the usual distance."""
 _HORIZON, _ZENITH = (206, 214, 224), (138, 152, 171)
 """Colours of the sky."""
 
@@ -66,6 +68,16 @@ def camera_place(num_robots: int, scale: float) -> tuple[np.ndarray, np.ndarray]
     away = 1.0 + 0.8 * side
     position = np.array([3.6 * away, 2.5 * away, 1.45 + 1.1 * side])
     return scale * position, scale * np.array([0.0, 0.0, 0.93])
+
+
+def place_camera(camera: viser.CameraHandle, num_robots: int, scale: float) -> None:
+    """Put a browser's camera where `camera_place` says, or farther away where the window is higher than wide.
+
+    On a phone the distances on the floor would be cut off at the sides otherwise.
+    """
+    position, target = camera_place(num_robots, scale)
+    away = _STEP_BACK if camera.aspect < 1.0 else 1.0
+    camera.position, camera.look_at = target + away * (position - target), target
 
 
 def add_key_light(server: viser.ViserServer, num_robots: int, scale: float) -> None:

@@ -65,7 +65,7 @@ class PolicySource:
             return "no learning: the joints hold their nominal pose" if self.name == NOMINAL else ""
         steps = training.get("policy_steps")
         parts = [
-            f"learned by {str(training['algorithm']).upper()}" if "algorithm" in training else "",
+            f"learned by {_algorithm_words(training['algorithm'])}" if "algorithm" in training else "",
             f"preset {training['preset']}" if "preset" in training else "",
             f"{steps / 1e6:.2g} million steps" if isinstance(steps, int | float) else "",
             f"{training['minutes']:.0f} min" if isinstance(training.get("minutes"), int | float) else "",
@@ -111,3 +111,7 @@ def offered_policies(robot: Robot, folders: Sequence[Path], *more: str) -> tuple
 
 def _is_policy(path: Path) -> bool:
     return (path / "config.json").is_file() or (path.suffix == SUFFIX and path.is_file())
+
+
+def _algorithm_words(name: object) -> str:
+    return "DAgger" if name == "dagger" else str(name).upper()
