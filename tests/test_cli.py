@@ -52,6 +52,10 @@ SHIPPED = f"; shipped policies: {', '.join(shipped_policies())}"
             ["train", "--warm-start", "nowhere"],
             "surefoot: cannot read policy nowhere: No such file or directory" + SHIPPED,
         ),
+        (
+            ["evaluate", "mine.toml"],
+            "surefoot: mine.toml is no policy; a robot's description goes with --robot, scenarios go with --suite",
+        ),
         (["evaluate", "no.onnx"], "surefoot: cannot read policy no.onnx: No such file or directory" + SHIPPED),
         (["evaluate", "bad.onnx"], "surefoot: bad.onnx is not a policy file: not a readable ONNX network"),
         (["evaluate", "empty"], "surefoot: cannot read policy empty/best.onnx: No such file or directory" + SHIPPED),

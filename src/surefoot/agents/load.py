@@ -39,6 +39,8 @@ def load_agent(name: str, robot: Robot | None = None) -> Agent:
         return load_controller(name, robot or usual_robot())
     if name == NOMINAL:
         return NominalAgent(robot or usual_robot())
+    if name.endswith(".toml"):
+        raise UserError(f"{name} is no policy; a robot's description goes with --robot, scenarios go with --suite")
     policy = load_policy(name)
     if robot and policy.robot.fingerprint != robot.fingerprint:
         raise UserError(f"{name} is a policy for {policy.robot.name}, not for {robot.name}")

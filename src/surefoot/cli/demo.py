@@ -9,7 +9,7 @@ from rich.console import Console
 
 from surefoot.cli.evaluate import chosen_scenarios, evaluate_agent
 from surefoot.cli.report import Pictures
-from surefoot.cli.terminal import console
+from surefoot.cli.terminal import console, say
 from surefoot.cli.train import Train
 from surefoot.errors import UserError
 
@@ -44,6 +44,7 @@ class Demo:
         pushes = chosen_scenarios("push", 4, agent.robot)
         evaluate_agent(agent, pushes, out / "results.sqlite", Console(), out / "thresholds.csv", self.minutes)
         Pictures(out / "thresholds.csv", out, str(out), out, out / "strategies.csv").main()
+        say(f"push it by hand: surefoot play {out}")
 
 
 def new_folder(path: Path) -> Path:

@@ -40,8 +40,8 @@ class Evaluate(Work):
     """Number of directions of the pushes at the root, evenly spaced; the default is 4. In the suite ring it is
     the number for all pushes; the default is 16."""
     robot: str = ""
-    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, surefoot docs robot).
-    The default is the shipped policies' robot."""
+    """The robot of a controller or of "nominal": a shipped robot's name, or a description (.toml, surefoot docs
+    your-robot). The default is the shipped policies' robot."""
     engine: str = "mujoco"
     """The physics engine: mujoco, or pybullet (needs the extra pybullet; no policy was trained in it)."""
     results: Path = Path("results.sqlite")

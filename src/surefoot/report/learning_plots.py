@@ -59,4 +59,5 @@ def _draw_curves(axes: Axes, runs: Sequence[Sequence[Mapping[str, float]]], key:
     common = everywhere[(everywhere >= first) & (everywhere <= last)]
     seeds = np.array([np.interp(common, x, share) for x, share in columns])
     axes.fill_between(common, seeds.min(axis=0), seeds.max(axis=0), color=color, alpha=0.15, lw=0)
-    axes.plot(common, seeds.mean(axis=0), color=color, lw=2.8, solid_capstyle="round")
+    single = "o" if len(common) == 1 else ""  # a line of one point is not seen
+    axes.plot(common, seeds.mean(axis=0), color=color, lw=2.8, solid_capstyle="round", marker=single)

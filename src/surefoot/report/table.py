@@ -9,6 +9,9 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table as RichTable
 
+_FEW_WORDS = 4
+"""A column with a cell of more words is read, not compared, and stands at the left."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -37,8 +40,9 @@ class Table:
             collapse_padding=True,
         )
         for i, column in enumerate(self.columns):
+            is_words = not i or any(len(row[i].split()) > _FEW_WORDS for row in self.rows)
             # The names of the rows are not shortened before the other columns wrap.
-            table.add_column(escape(column), justify="right" if i else "left", no_wrap=not i)
+            table.add_column(escape(column), justify="left" if is_words else "right", no_wrap=not i)
         for row in self.rows:
             table.add_row(*map(escape, row))
         return table

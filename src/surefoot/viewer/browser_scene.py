@@ -18,6 +18,8 @@ from surefoot.viewer.session import HAND
 # Lengths are for a robot of `framing.REFERENCE_HEIGHT` [m].
 SPACING = 2.2
 """Between the places of a crowd's robots."""
+_DISTANCES = (1.0, 0.5, 0.2, 0.1)
+"""Between the labels on the floor [m]: the largest one that a robot of its size does not push out of the picture."""
 _HINT_HEIGHT = 2.05
 """Of the words above the first robot."""
 _FEW = 4
@@ -142,13 +144,14 @@ class BrowserScene:
         )
         if self.num_robots > 1:
             return  # distances from which of them?
+        step = next((step for step in _DISTANCES if step <= 1.1 * self._scale), _DISTANCES[-1])
         for axis, name in ((0, "forward"), (1, "left")):
-            for meters in (1, 2, 3, 4):
+            for number in (1, 2, 3, 4):
                 place = np.zeros(3)
-                place[axis] = meters
+                place[axis] = number * step
                 scene.add_label(
-                    f"{_WORLD}/distance_{name}_{meters}",
-                    f"{meters} m" + (f" {name}" if meters == 1 else ""),
+                    f"{_WORLD}/distance_{name}_{number}",
+                    f"{number * step:g} m" + (f" {name}" if number == 1 else ""),
                     position=place + [0, 0, 0.01],
                     font_size_mode="scene",
                     font_scene_height=0.05 * self._scale,

@@ -67,8 +67,8 @@ class PolicySource:
         parts = [
             f"learned by {_algorithm_words(training['algorithm'])}" if "algorithm" in training else "",
             f"preset {training['preset']}" if "preset" in training else "",
-            f"{steps / 1e6:.2g} million steps" if isinstance(steps, int | float) else "",
-            f"{training['minutes']:.0f} min" if isinstance(training.get("minutes"), int | float) else "",
+            _steps_words(steps) if isinstance(steps, int | float) else "",
+            f"{training['minutes']:.2g} min" if isinstance(training.get("minutes"), int | float) else "",
         ]
         return ", ".join(part for part in parts if part)
 
@@ -115,3 +115,7 @@ def _is_policy(path: Path) -> bool:
 
 def _algorithm_words(name: object) -> str:
     return "DAgger" if name == "dagger" else str(name).upper()
+
+
+def _steps_words(steps: float) -> str:
+    return f"{steps / 1e6:.2g} million steps" if steps >= 1e5 else f"{steps:,.0f} steps"
