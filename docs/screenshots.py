@@ -94,7 +94,7 @@ def pushed_forward(page: Page) -> None:
 
 def pushed_left(page: Page) -> None:
     """Hard, from the side."""
-    run(page, lambda session: session.push(horizontal_push("root", 90.0, 300.0)), 1.6)
+    run(page, lambda session: session.push(horizontal_push("root", 90.0, 240.0)), 1.6)
 
 
 def run(page: Page, action: Callable[[Session], object], seconds: float) -> None:

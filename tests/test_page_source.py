@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,25 @@ def test_the_page_listens_on_this_machine_only():
 
 
 # Where policies come from.
+
+
+@pytest.mark.parametrize(
+    ("training", "words"),
+    [
+        (
+            {"algorithm": "dagger", "preset": "best", "policy_steps": 7_800_000, "minutes": 131.2},
+            "learned by DAgger, preset best, 7.8 million steps, 131 min",
+        ),
+        (
+            {"algorithm": "ddpg", "preset": "fast", "policy_steps": 3840, "minutes": 0.0997},
+            "learned by DDPG, preset fast, 3,840 steps, 0.1 min",
+        ),
+    ],
+)
+def test_a_policy_says_how_it_was_learned(training: dict, words: str) -> None:
+    source = PolicySource("trpo")
+    source.policy.contract = replace(source.policy.contract, training=training)
+    assert source.description == words
 
 
 @pytest.fixture

@@ -68,7 +68,7 @@ class PolicySource:
             f"learned by {_algorithm_words(training['algorithm'])}" if "algorithm" in training else "",
             f"preset {training['preset']}" if "preset" in training else "",
             _steps_words(steps) if isinstance(steps, int | float) else "",
-            f"{training['minutes']:.2g} min" if isinstance(training.get("minutes"), int | float) else "",
+            _minutes_words(training["minutes"]) if isinstance(training.get("minutes"), int | float) else "",
         ]
         return ", ".join(part for part in parts if part)
 
@@ -119,3 +119,7 @@ def _algorithm_words(name: object) -> str:
 
 def _steps_words(steps: float) -> str:
     return f"{steps / 1e6:.2g} million steps" if steps >= 1e5 else f"{steps:,.0f} steps"
+
+
+def _minutes_words(minutes: float) -> str:
+    return f"{minutes:.0f} min" if minutes >= 10.0 else f"{minutes:.2g} min"
