@@ -19,8 +19,8 @@ from surefoot.rendering.words import trial_words
 STRIP_TIMES = (0.1, 0.3, 0.6, 1.0, 2.0, 4.0)
 """When the pictures of a strip are taken, since the beginning of the push [s]."""
 
-LEAST_LETTERS = 18
-"""Size of the smallest letters of a strip [pixels]: 12 where the report shows it at two thirds of its width."""
+LEAST_LETTERS = 23
+"""Size of the smallest letters of a strip [pixels]: 12 where the report shows it at 0.54 of its width."""
 
 
 def filmstrip(
@@ -59,7 +59,7 @@ def _strip_pictures(recording: Recording, times: Sequence[float], size: tuple[in
             is_over = time > last + 1e-9
             picture = Image.fromarray(draw_moment(scene, recording.trial, recording.at(time), afterglow=0.0))
             words = f"{outcome.reason}, {outcome.seconds:.2f} s" if is_over else f"{time:g} s"
-            write_label(picture, (8, 8), words, 20, verdict_ink(recording.outcome) if is_over else INK)
+            write_label(picture, (8, 8), words, LEAST_LETTERS, verdict_ink(recording.outcome) if is_over else INK)
             yield picture
             if is_over:
                 return
@@ -69,9 +69,9 @@ def _write_caption(strip: Image.Image, top: float, recording: Recording) -> None
     draw, y = ImageDraw.Draw(strip), top + 16
     stayed = recording.outcome.is_without_step(protocol_for(recording.robot).step_length)
     verdict = [recording.outcome.reason] + ["without a step"] * stayed
-    lines = [(text, 24, INK) for text in textwrap.wrap(trial_words(recording.trial), 14)]
-    lines += [(text, 20, verdict_ink(recording.outcome)) for text in verdict]
-    lines += [(text, LEAST_LETTERS, GREY) for text in textwrap.wrap(recording.policy, 18)]
+    lines = [(text, 26, INK) for text in textwrap.wrap(trial_words(recording.trial), 14)]
+    lines += [(text, LEAST_LETTERS, verdict_ink(recording.outcome)) for text in verdict]
+    lines += [(text, LEAST_LETTERS, GREY) for text in textwrap.wrap(recording.policy, 15)]
     for text, size, ink in lines:
         draw.text((14, y), text, fill=ink, font=font_of(size))
         y += 1.45 * size
