@@ -171,7 +171,12 @@ def test_a_scenario_file_is_evaluated(tmp_path: Path) -> None:
         rows = list(csv.DictReader(stream))
     assert {(row["scenario"], row["impulse_Ns"], row["reason"]) for row in rows} == {("shove", "300", "fell")}
     assert sorted(float(row["angle_deg"]) for row in rows) == pytest.approx([30, 30, 90, 90])
-    assert json.loads((tmp_path / "figures.json").read_text())["audit.worst_torque_ratio"] == 1.0
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert (figures["shove.trials"], figures["shove.recovered"], figures["audit.worst_torque_ratio"]) == (4, 0, 1.0)
+    assert "Fixed disturbances" in done.stdout
+    assert [line.split() for line in done.stdout.splitlines() if "shove" in line] == [
+        ["shove", direction, "0/2", "0/2", "0/2", "0"] for direction in ("left", "30")
+    ]
 
 
 def test_a_results_file_that_is_something_else_is_refused(tmp_path: Path) -> None:

@@ -32,8 +32,8 @@ _HAND_STIFFNESS = 0.66
 """The hand that drags a body is a spring: its force in robot weights when it is stretched by the robot's height."""
 _HAND_FORCE = 0.6
 """Its largest force in robot weights."""
-_HINT = "Drag me with the mouse, or press an arrow key"
-_HINT_CROWD = "Press an arrow key: all get the same push. Click one to watch it"
+_HINT = "Drag me, or press Push"
+_HINT_CROWD = "Press Push: all get the same push. Click one to watch it"
 _PANEL_HZ = 8.0
 _POLL_S = 1.0
 
