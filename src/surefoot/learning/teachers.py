@@ -42,6 +42,9 @@ slower than this [m/s] for so many policy steps: its stance must not depend on t
 FAR = 0.02
 """A capture point counts as beyond a border if, at its present velocity, it will be this far beyond it at the next
 policy step [m], for a robot with legs as long as the paper's. One more step with the wrong teacher costs recoveries."""
+NOISY = 0.5
+"""A robot is noisy with more than this share of the largest noise. The step is wide, so that a student with a memory can
+tell on which side of it a robot is; with a border in proportion to the noise, clear robots changed teachers too soon."""
 LANDED_S = 1.5
 """A dropped robot has the second teacher or a later one until this time [s]."""
 
@@ -62,9 +65,8 @@ class Teacher:
         capture_point: border of the distance of the capture point from its place at the start [m], in evenly spaced
             directions, counter-clockwise from +x, linear between them. A robot whose capture point is beyond it has
             this teacher, whatever impulse it has felt. If it is empty, only the impulse counts.
-        under_noise: share of `capture_point` that holds for a robot with the largest noise of the training; with less
-            noise it is in proportion nearer to 1. A robot that sees its capture point imprecisely then changes
-            teachers earlier.
+        under_noise: share of `capture_point` that holds for a robot with more than `NOISY` of the training's largest
+            noise. A robot that sees its capture point imprecisely then changes teachers earlier.
         falling, rising: a robot whose CoM falls or rises faster than this has this teacher [m/s].
         leaning: a dropped robot whose pelvis rolls or pitches by more than this has this teacher [rad].
         weight: weight of its labels while a robot recovers from a push.
@@ -212,7 +214,7 @@ class Teachers:
         soon = np.where(ended, here, 2.0 * here - self._last_capture_point)
         self._last_capture_point = here
         far = FAR * self.env.robot.length_scale
-        share = 1.0 - (1.0 - self._under_noise) * self.env.noise_share
+        share = np.where(self.env.noise_share > NOISY, self._under_noise, 1.0)
         beyond = [
             np.abs(point) > share * self._reach[:, np.degrees(np.angle(point)).astype(np.int64) % 360] + margin
             for point, margin in ((here, 0.0), (soon, far))
