@@ -29,7 +29,7 @@ from surefoot.task.terms import terms
 ROOT = Path(__file__).parent.parent
 DEPLOY = ROOT / "examples" / "deploy"
 PAGE = (ROOT / "docs" / "policy-file.md").read_text()
-POLICIES = ("ppo", str(ROOT / "results" / "least-motion" / "mixture.onnx"))
+POLICIES = ("ppo", "best")
 """Without a past, and a mixture with one. Actions of both leave [-1, 1] in the run."""
 
 

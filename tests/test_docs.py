@@ -73,7 +73,7 @@ def test_every_shipped_policy_has_its_thresholds_and_its_curve() -> None:
         assert {line.name for line in push_lines()} <= {threshold.line.name for threshold in found[name]}
         training = load_policy(name).contract.training
         curve = f"curves/{training['algorithm']}-{training['seed']}.csv"
-        assert (ROOT / "results" / ("least-motion/student-reach.csv" if name == "best" else curve)).exists()
+        assert (ROOT / "results" / ("least-motion/best.csv" if name == "best" else curve)).exists()
 
 
 def test_a_shipped_policy_holds_the_papers_bound_in_all_four_directions() -> None:
