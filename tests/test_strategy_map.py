@@ -10,6 +10,7 @@ import pytest
 from conftest import an_outcome
 from PIL import Image
 
+from surefoot.agents.load import load_policy
 from surefoot.agents.nominal import NominalAgent
 from surefoot.cli.options import check_options
 from surefoot.cli.strategies import Strategies
@@ -119,12 +120,12 @@ def test_a_map_has_the_colours_of_its_cells_in_the_shares_of_their_rings(tmp_pat
     assert found["2 steps"] < 0.1 * found["hip"], "only its patch in the legend"
 
 
-def test_robots_are_drawn_by_mass_and_engines_side_by_side_with_their_policy(robot: Robot, tmp_path: Path) -> None:
+def test_robots_are_drawn_by_mass_and_engines_side_by_side_with_their_policy(tmp_path: Path) -> None:
     cells = [a_cell(), a_cell(engine="pybullet 3.2"), a_cell(name="small", robot="g1", mass=33.0, impulse=8.0)]
-    drawn = draw_strategies([*cells, a_cell(name="alone")], robot, tmp_path)
+    drawn = draw_strategies([*cells, a_cell(name="alone"), a_cell(name="ppo")], load_policy("ppo"), tmp_path)
     assert [path.name for path in drawn] == ["strategies.png", "strategies-robots.png"]
     widths = [pixels(path).shape[1] for path in drawn]
-    assert widths[1] == pytest.approx(1.5 * widths[0], abs=2), "three panels and two"
+    assert widths[1] == pytest.approx(4 / 3 * widths[0], abs=2), "one, ppo, one in PyBullet, small: four, not five"
 
 
 def test_the_command_names_wrong_numbers(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ class Pictures:
         with working("drawing pictures"):
             drawn = draw_thresholds(policies, policy.robot, self.out)
             if self.strategies.exists():
-                drawn += draw_strategies(read_strategies(self.strategies), policy.robot, self.out)
+                drawn += draw_strategies(read_strategies(self.strategies), policy, self.out)
             drawn.append(self.out / "curves.png")
             learning_curves(read_curves(self.curves), drawn[-1])
             try:

@@ -43,8 +43,8 @@ FAR = 0.02
 """A capture point counts as beyond a border if, at its present velocity, it will be this far beyond it at the next
 policy step [m], for a robot with legs as long as the paper's. One more step with the wrong teacher costs recoveries."""
 NOISY = 0.5
-"""A robot is noisy with more than this share of the largest noise. The step is wide, so that a student with a memory can
-tell on which side of it a robot is; with a border in proportion to the noise, clear robots changed teachers too soon."""
+"""A robot is noisy with more than this share of the largest noise. A student with a memory can tell a robot without
+noise from a noisy one. A border in proportion to the noise let robots without noise change teachers too soon."""
 LANDED_S = 1.5
 """A dropped robot has the second teacher or a later one until this time [s]."""
 

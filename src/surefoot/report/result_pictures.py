@@ -48,22 +48,24 @@ def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, f
     return [bars, polar]
 
 
-def draw_strategies(cells: Sequence[StrategyCell], robot: Robot, folder: Path) -> list[Path]:
-    """The strategies of all policies of a robot in the default engine, and those of all robots and engines.
+def draw_strategies(cells: Sequence[StrategyCell], policy: Agent, folder: Path) -> list[Path]:
+    """The strategies of all policies of a robot in the default engine, and those of other robots and engines.
 
     Args:
         cells: of all of them.
-        robot: whose policies are set side by side.
+        policy: whose robot's policies are set side by side. Other robots are set beside this policy alone, and other
+            engines beside the policies that they had.
         folder: for the pictures.
     """
+    robot = policy.robot
     own = [cell for cell in cells if cell.robot == robot.name and cell.engine.startswith(DEFAULT_ENGINE)]
     drawn = []
     if own:
         drawn.append(folder / "strategies.png")
         side_by_side(own, drawn[-1])
-    others = {(cell.name, cell.robot) for cell in cells if cell not in own}
-    if others:
-        names = {name for name, _ in others}
+    names = {cell.name for cell in cells if cell not in own}
+    if names:
+        names.add(policy.name)
         drawn.append(folder / "strategies-robots.png")
         side_by_side([cell for cell in cells if cell.name in names], drawn[-1])
     return drawn
