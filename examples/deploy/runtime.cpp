@@ -231,7 +231,7 @@ int main(int count, char** words) {
     Loop loop(policy);
     loop.start(rows[0], rows[0].at("target"));
     const std::map<std::string, double> allowed = {
-        {"observation", 1e-9}, {"filtered", 1e-9}, {"action", 1e-4}, {"target", 1e-4}, {"torque", 0.2}};
+        {"observation", 1e-9}, {"filtered", 1e-9}, {"action", 2e-4}, {"target", 2e-4}, {"torque", 0.4}};
     std::map<std::string, double> worst;
     Vector latency, late;
     const auto period = std::chrono::duration<double>(1.0 / policy.at("filter")[1]);

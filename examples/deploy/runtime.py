@@ -13,7 +13,7 @@ import time
 import numpy as np
 import onnxruntime
 
-TOLERANCE = {"observation": 1e-9, "filtered": 1e-9, "action": 1e-4, "target": 1e-4, "torque": 0.2}
+TOLERANCE = {"observation": 1e-9, "filtered": 1e-9, "action": 2e-4, "target": 2e-4, "torque": 0.4}
 """Largest differences: the network computes in float32, and a torque is up to 3000 Nm/rad times a target's."""
 
 
