@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import make_env
+from conftest import TIPTOE, make_env
 from constant_policy import constant
 
 from surefoot.agents.network import NetworkAgent
@@ -133,7 +133,7 @@ def test_a_dropped_robot_that_leans_listens_to_the_teacher_for_that_until_it_has
         env.reset(seed=0)
         at_rest = env.loop.observe(slice(None))
         teachers.begin(at_rest)
-        at_rest[0, observation.component_names(robot).index("pelvis_attitude.roll")] = lean
+        at_rest[0, observation.parts(robot).index(("root_attitude", "roll"))] = lean
         found = []
         for _ in range(3):
             env.step(np.zeros((1, 11)))
@@ -143,6 +143,18 @@ def test_a_dropped_robot_that_leans_listens_to_the_teacher_for_that_until_it_has
 
     assert levels(0.09) == [1, 1, 1]
     assert levels(-0.11) == [2, 2, 2]
+
+
+def test_teachers_may_be_for_a_robot_whose_root_is_no_pelvis() -> None:
+    env = make_env(1, robot=str(TIPTOE), pose="crouched")
+    assert "base_attitude.roll" in observation.component_names(env.robot)
+    still = NetworkAgent(constant(env.robot, 0.0, pose="crouched"), "still")
+    teachers = Teachers([Teacher(still), Teacher(still, leaning=0.1)], env)
+    env.reset(seed=0)
+    observations = env.loop.observe(slice(None))
+    teachers.begin(observations)
+    teachers.update(observations, np.zeros(1, bool))
+    assert teachers.level.tolist() == [0]
 
 
 def test_for_a_robot_with_more_than_half_of_the_noise_the_border_is_nearer(robot: Robot) -> None:

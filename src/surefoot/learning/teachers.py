@@ -117,10 +117,10 @@ class Teachers:
         self._under_noise = np.array([t.under_noise for t in teachers[1:]]).reshape(-1, 1)
         self._leaning = np.array([t.leaning for t in teachers[1:]]).reshape(-1, 1)
         self._indices = np.arange(1, len(teachers)).reshape(-1, 1)
-        names = observation.component_names(env.robot)
+        parts = observation.parts(env.robot)
         vectors = "com_velocity", "left_foot_position", "right_foot_position"
-        self._columns = {name: names.index(f"{name}.x") for name in vectors}
-        self._attitude = [names.index(f"pelvis_attitude.{angle}") for angle in ("roll", "pitch")]
+        self._columns = {name: parts.index((name, "x")) for name in vectors}
+        self._attitude = [parts.index(("root_attitude", angle)) for angle in ("roll", "pitch")]
         self._home = np.zeros(3)
         self._home_capture_point = np.zeros(2)
         self._last_capture_point = np.zeros(env.num_envs, complex)
