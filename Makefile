@@ -100,9 +100,10 @@ results-ring: $(READY)
 	$(RUN_RING) ppo --export-thresholds results/ring.csv
 	$(BIN)/surefoot report $(RING) --no-trials --out runs/ring.html --markdown runs/ring.md
 
-# What PyBullet keeps of the shipped policies' thresholds at the root.
+# What PyBullet keeps of the thresholds at the root, of the shipped policies and of the classical controllers; PyBullet
+# needs about 45 minutes of one core for a policy.
 results-engines: $(READY)
-	for p in $(ALGORITHMS); do for e in mujoco pybullet; do \
+	for p in best $(ALGORITHMS) $(CONTROLLERS:%=controllers/%); do for e in mujoco pybullet; do \
 	    $(BIN)/surefoot evaluate $$p --engine $$e --results runs/engines.sqlite \
 	        --export-thresholds results/engines.csv || exit 1; done; done
 	$(BIN)/surefoot report runs/engines.sqlite --out runs/engines.html --markdown runs/engines.md

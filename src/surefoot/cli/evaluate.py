@@ -122,7 +122,7 @@ def evaluate_agent(
         timing = results.timing(results.key_of(agent))
         if export:
             results.export("thresholds", export)
-        fixed = results.fixed_outcomes(agent.name)
+        fixed = results.fixed_outcomes(agent.name, robot=robot.name)
         metrics = flat_metrics(done.thresholds, fixed, results.audit(agent), robot, pose, done.wall_s)
     if timing:
         metrics |= timing_metrics(timing)

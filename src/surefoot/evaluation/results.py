@@ -168,26 +168,17 @@ class Results:
         """Name -> (digest, contract as JSON) of every policy in the table."""
         return {name: (digest, text) for digest, name, text in self._db.execute("SELECT * FROM policies")}
 
-    def thresholds_of(self, policy_name: str, engine: str = "") -> list[Threshold]:
-        """The thresholds of the policy of this name, as they were found."""
-        cursor = self._db.execute(
-            f"SELECT thresholds.* FROM thresholds JOIN policies USING (policy) WHERE name = ?"
-            f" AND {engine_word('thresholds')} = ? AND {latest('thresholds')} ORDER BY scenario, angle_rad",
-            (policy_name, engine or self.engine),
-        )
+    def thresholds_of(self, policy_name: str, engine: str = "", robot: str = "") -> list[Threshold]:
+        """The thresholds of the policy of this name, as they were found; of any robot unless one is named."""
+        cursor = self._named("thresholds", policy_name, engine, robot, "ORDER BY scenario, angle_rad")
         with reading(self.path):
             return [threshold_of(row) for row in as_dicts(cursor)]
 
-    def fixed_outcomes(self, policy_name: str, engine: str = "") -> dict[str, dict[Trial, Outcome]]:
-        """Outcomes of the scenarios in which nothing is searched, by scenario."""
+    def fixed_outcomes(self, policy_name: str, engine: str = "", robot: str = "") -> dict[str, dict[Trial, Outcome]]:
+        """Outcomes of the scenarios in which nothing is searched, by scenario; of any robot unless one is named."""
         found: dict[str, dict[Trial, Outcome]] = {}
         stores: dict[Key, TrialStore] = {}
-        cursor = self._db.execute(
-            f"SELECT scenarios.* FROM scenarios JOIN policies USING (policy) WHERE name = ?"
-            f" AND {engine_word('scenarios')} = ? AND {latest('scenarios')}",
-            (policy_name, engine or self.engine),
-        )
-        for row in list(as_dicts(cursor)):
+        for row in list(as_dicts(self._named("scenarios", policy_name, engine, robot))):
             with reading(self.path):
                 key, scenario = Key.of(row), stored_scenario(row["definition"])
             if not scenario.search:
@@ -196,8 +187,16 @@ class Results:
                 found[row["scenario"]] = {t: outcome for t in asked if (outcome := stores[key].get(t))}
         return found
 
+    def _named(self, table: str, policy_name: str, engine: str, robot: str, order: str = "") -> sqlite3.Cursor:
+        """Rows of a table that were written last under a policy's name, in an engine."""
+        return self._db.execute(
+            f"SELECT {table}.* FROM {table} JOIN policies USING (policy) WHERE name = ?"
+            f" AND {engine_word(table)} = ? AND ? IN ('', {table}.robot) AND {latest(table)} {order}",
+            (policy_name, engine or self.engine, robot),
+        )
+
     def evaluated(self) -> list[tuple[Key, str, str]]:
-        """Key, name and contract as JSON of every finished evaluation, the last one of each name and engine."""
+        """Key, name and contract as JSON of every finished evaluation, the last one of each name, robot and engine."""
         cursor = self._db.execute(
             f"SELECT DISTINCT {KEY}, name, contract FROM scenarios JOIN policies USING (policy)"
             f" WHERE {latest('scenarios')} ORDER BY name"

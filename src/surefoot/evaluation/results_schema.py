@@ -104,11 +104,11 @@ def engine_word(table: str) -> str:
 
 
 def latest(table: str) -> str:
-    """Condition on rows joined with `policies`: of each name and engine the policy and setup that wrote last.
+    """Condition on rows joined with `policies`: of each name, robot and engine the policy and setup that wrote last.
 
     A policy that was learned anew bears the name of the old one, whose rows are still there.
     """
-    groups = f"name, {engine_word(table)}"
+    groups = f"name, {table}.robot, {engine_word(table)}"
     last = f"SELECT max({table}.rowid) FROM {table} JOIN policies USING (policy) GROUP BY {groups}"
     return f"({KEY}) IN (SELECT {KEY} FROM {table} WHERE rowid IN ({last}))"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -57,8 +58,9 @@ class Evaluation:
     """The results of one policy under one setup.
 
     Attributes:
-        name: of the policy, with the engine that is not the default one, and with the beginning of its digest if
-            another one on the page is named alike.
+        name: of the policy, with the engine that is not the default one, and with the robot or the beginning of its
+            digest if another one on the page is named alike.
+        policy_name: the policy's own name.
         key: digests of policy and setup.
         steps: median number of steps at the worst direction's threshold, by scenario.
         cells: of pushes at the root, by direction.
@@ -71,6 +73,7 @@ class Evaluation:
     """
 
     name: str
+    policy_name: str
     key: Key
     contract: Contract
     thresholds: list[Threshold]
@@ -126,8 +129,18 @@ def read_evaluations(files: Sequence[str | Path]) -> list[Evaluation]:
                 found[key] = _evaluation(results, key, name, assumed)
     if not found:
         raise UserError(f"no finished evaluation in {', '.join(map(str, files))}; run surefoot evaluate first")
-    names = [e.name for e in found.values()]
-    return [e if names.count(e.name) == 1 else replace(e, name=f"{e.name} ({e.key.agent[:6]})") for e in found.values()]
+    return _told_apart(list(found.values()))
+
+
+def _told_apart(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
+    """Those that are named alike get the robot's name behind theirs, and those of one robot their digests."""
+    names = Counter(e.name for e in evaluations)
+    robots = Counter((e.name, e.key.setup.robot) for e in evaluations)
+    words = [e.key.setup.robot if robots[e.name, e.key.setup.robot] == 1 else e.key.agent[:6] for e in evaluations]
+    return [
+        e if names[e.name] == 1 else replace(e, name=f"{e.name} ({word})")
+        for e, word in zip(evaluations, words, strict=True)
+    ]
 
 
 def has_several_robots(evaluations: Sequence[Evaluation]) -> bool:
@@ -141,12 +154,13 @@ def of_first_robot(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def _evaluation(results: Results, key: Key, name: str, contract: Contract) -> Evaluation:
-    engine = key.setup.engine_word
-    thresholds = sorted(results.thresholds_of(name, engine), key=lambda t: _place(t.line.scenario.name))
-    fixed = dict(sorted(results.fixed_outcomes(name, engine).items(), key=lambda item: _place(item[0])))
+    engine, robot = key.setup.engine_word, key.setup.robot
+    thresholds = sorted(results.thresholds_of(name, engine, robot), key=lambda t: _place(t.line.scenario.name))
+    fixed = dict(sorted(results.fixed_outcomes(name, engine, robot).items(), key=lambda item: _place(item[0])))
     store = results.outcomes(key)
     return Evaluation(
         name=key.setup.shown(name),
+        policy_name=name,
         key=key,
         contract=contract,
         thresholds=thresholds,

@@ -185,13 +185,12 @@ def _with_section(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
 
 def _policy_of(e: Evaluation, policies: Sequence[str | Path]) -> Agent:
     check_setup(e.key.setup, e.name)
-    name = e.name.removesuffix(f" in {e.key.setup.engine_word}")
     for given in policies:
         try:
-            return find_policy(name, e.key[0], given, e.contract.robot)
+            return find_policy(e.policy_name, e.key[0], given, e.contract.robot)
         except UserError:
             continue
-    return find_policy(name, e.key[0], robot_name=e.contract.robot)
+    return find_policy(e.policy_name, e.key[0], robot_name=e.contract.robot)
 
 
 def _markdown(table: Table, level: int) -> str:

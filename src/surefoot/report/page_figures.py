@@ -34,7 +34,8 @@ Curves = Mapping[str, Sequence[Sequence[Mapping[str, float]]]]
 
 def comparison_figures(evaluations: Sequence[Evaluation], curves: Curves) -> list[Figure]:
     """Figures of all policies together; with several robots all but the first are of the first evaluation's."""
-    found = [_ring_map(evaluations)] if has_several_robots(evaluations) else []
+    pushed = [e for e in evaluations if root_pushes(e.thresholds)]
+    found = [_ring_map(pushed)] if has_several_robots(pushed) else []
     evaluations = of_first_robot(evaluations)
     main = [e for e in evaluations if e.has_main_directions]
     if main:

@@ -43,7 +43,7 @@ def _row(e: Evaluation) -> list[str]:
     speed = math.sqrt(e.robot.gravity * _com_height(e.contract.robot, tuple(e.contract.nominal_pose)))
     return [
         e.robot.title,
-        e.name,
+        e.name.removesuffix(f" ({e.key.setup.robot})"),  # the robot has a column of its own
         str(len(root)),
         _span(found.get(limited_name("root_push"))),
         _span(root),
