@@ -16,6 +16,8 @@ class Bench:
     robot: str = ""
     """The robot: a shipped robot's name, or a description (.toml, surefoot docs your-robot). The default is
     the shipped policies' robot."""
+    paper_suite: bool = False
+    """Also measure how long the suite `paper` takes for `ppo` in four directions, some minutes on two cores."""
     json: str | None = None
     """Write the figures as one flat JSON object to this file; - means standard output."""
 
@@ -26,7 +28,8 @@ class Bench:
         from surefoot.cli.benchmarks import bench_table, run_bench
 
         with working("measuring") as status:
-            figures = run_bench(self.seconds, lambda stage: status.update(f"measuring {stage}"), self.robot)
+            tell = lambda stage: status.update(f"measuring {stage}")  # noqa: E731
+            figures = run_bench(self.seconds, tell, self.robot, self.paper_suite)
         results_console(self.json).print(bench_table(figures, self.robot))
         if self.json:
             write_json(figures, self.json)
