@@ -198,7 +198,7 @@ class Train(Work):
         return LogConfig(self.logger, film_of, self.film_minutes)
 
     def _tell(self, config: TrainConfig, folder: Path) -> None:
-        say(f"learning with {config.algorithm} for {config.minutes:g} minutes in {folder}")
+        say(f"learning with {config.algorithm} for {_budget_words(config)} in {folder}")
         say("the bar ends with the impulses that the policy now rejects, roughly: forward/left/backward/right")
 
 
