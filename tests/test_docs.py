@@ -34,7 +34,8 @@ TABLE = re.compile(
 
 
 @pytest.mark.parametrize(
-    ("page", "num_tables"), [("README.md", 1), ("docs/controllers.md", 2), ("results/README.md", 3)]
+    ("page", "num_tables"),
+    [("README.md", 1), ("docs/controllers.md", 2), ("results/README.md", 3), ("results/engines/README.md", 1)],
 )
 def test_a_pages_tables_are_what_their_commands_print(
     page: str, num_tables: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture

@@ -17,11 +17,11 @@ from surefoot.evaluation.evaluate import evaluate_and_store
 from surefoot.evaluation.replay import replay as run_again
 from surefoot.evaluation.results import Results
 from surefoot.evaluation.results_export import read_thresholds
-from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.scenarios import Line, Scenario
 from surefoot.evaluation.setup import Setup
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.physics.engines import ENGINES
-from surefoot.report.engine_table import engine_table
+from surefoot.report.engine_table import engine_table, kept_table
 from surefoot.report.evaluations import read_evaluations
 
 POLICY = NominalAgent(usual_robot())
@@ -113,6 +113,21 @@ def test_what_is_kept_at_a_threshold_is_told_from_the_same_trials(table: Path) -
     counts = ["1/4", "1", "1", "0.05 to 0.70"]
     assert [row[2:] for row in found.rows] == [["60", "42", "0.70", *counts], ["", "", "", *counts]]
     assert found.note.endswith(f"Kept to less than 0.8: {POLICY.name} in pybullet, pelvis push, forward (0.70).")
+
+
+def test_a_table_of_exported_thresholds_says_what_is_kept_in_each_direction() -> None:
+    left = Line(threshold(60.0).line.scenario, "left", 1.57)
+    no_left = replace(threshold(0.0), line=left)
+    policies = {
+        ("a", "valkyrie"): [threshold(60.0), no_left],
+        ("a in pybullet", "valkyrie"): [threshold(48.0), replace(no_left, size=6.0)],
+        ("b in pybullet", "valkyrie"): [threshold(48.0)],
+        ("a in pybullet", "g1"): [threshold(48.0)],
+    }
+    found = kept_table(policies)
+    assert found.columns == ["policy", "engine", "joint speeds", "forward", "left"]
+    # 48 of 60 Ns are 0.80; nothing has a ratio to 0 Ns; what only one engine has is no row.
+    assert found.rows == [["a", "pybullet", "any", "48 / 60 = 0.80", "6 / 0"]]
 
 
 def test_rows_of_before_there_were_engines_count_as_mujocos() -> None:

@@ -64,9 +64,10 @@ class Table:
     thresholds: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Files (.csv) that `surefoot evaluate --export-thresholds` wrote. If a policy is in several of them, the first
     one counts."""
-    show: Literal["main", "summary", "worst", "seeds"] = "main"
+    show: Literal["main", "summary", "worst", "seeds", "kept"] = "main"
     """main: Table I beside the paper's. summary: one row for each policy. worst: the worst direction of every scenario.
-    seeds: median and range over the policies of one algorithm, which are named ALGORITHM-SEED."""
+    seeds: median and range over the policies of one algorithm, which are named ALGORITHM-SEED. kept: what another
+    engine keeps of the rejected impulses."""
     markdown: bool = False
     """Print Markdown instead of a drawn table."""
 
@@ -74,6 +75,7 @@ class Table:
         """Print the table."""
         from surefoot.agents.load import usual_robot
         from surefoot.evaluation.results_export import read_by_robot
+        from surefoot.report.engine_table import kept_table
         from surefoot.report.paper_tables import table_1
         from surefoot.report.threshold_tables import seeds_table, summary_table, worst_table
 
@@ -83,6 +85,8 @@ class Table:
             table = seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
         elif self.show == "summary":
             table = summary_table(by_robot)
+        elif self.show == "kept":
+            table = kept_table(by_robot)
         elif self.show == "worst":
             table = worst_table(policies, usual_robot())
         else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from surefoot.evaluation.outcome import Outcome
+from surefoot.evaluation.scenarios import limited_name
 from surefoot.evaluation.threshold_search import Threshold, wilson_interval
 from surefoot.evaluation.trials import Trial
 from surefoot.physics.engines import DEFAULT_ENGINE
@@ -40,6 +41,34 @@ def engine_table(evaluations: Sequence[Evaluation]) -> Table:
     below = f" Kept to less than {LOW:g}: {'; '.join(low)}." if low else ""
     columns = ["policy", "scenario", "MuJoCo", "other", "kept", "both", "MuJoCo only", "other only", "Wilson 95 %"]
     return Table("In another engine", columns, rows, _NOTE + below)
+
+
+def kept_table(policies: Mapping[tuple[str, str], Sequence[Threshold]]) -> Table:
+    """The rejected impulses at the root that other engines keep, two rows for each policy and engine.
+
+    Args:
+        policies: exported thresholds by the policy's name and the robot's; "NAME in ENGINE" is the same policy in
+            another engine.
+    """
+    rows: list[list[str]] = []
+    directions: dict[str, None] = {}
+    for (shown, robot), thresholds in policies.items():
+        name, _, engine = shown.partition(" in ")
+        ours, theirs = by_scenario(policies.get((name, robot), [])), by_scenario(thresholds)
+        for words, scenario in (("any", "root_push"), ("within limits", limited_name("root_push"))):
+            first, second = ours.get(scenario, {}), theirs.get(scenario, {})
+            if engine and first and second:
+                directions |= dict.fromkeys(first)
+                cells = (_ratio(first.get(direction), second.get(direction)) for direction in directions)
+                rows.append([name, engine, words, *cells])
+    note = "Each cell is the rejected impulse in the other engine over the one in MuJoCo [Ns], and their ratio."
+    return Table("Kept in another engine", ["policy", "engine", "joint speeds", *directions], rows, note)
+
+
+def _ratio(ours: Threshold | None, theirs: Threshold | None) -> str:
+    if ours is None or theirs is None:
+        return ""
+    return f"{theirs.size:g} / {ours.size:g}" + (f" = {theirs.size / ours.size:.2f}" if ours.size else "")
 
 
 def _pairs(evaluations: Sequence[Evaluation]) -> Iterator[tuple[Evaluation, Evaluation]]:
