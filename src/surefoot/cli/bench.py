@@ -28,8 +28,9 @@ class Bench:
         from surefoot.cli.benchmarks import bench_table, run_bench
 
         with working("measuring") as status:
-            tell = lambda stage: status.update(f"measuring {stage}")  # noqa: E731
-            figures = run_bench(self.seconds, tell, self.robot, self.paper_suite)
+            figures = run_bench(
+                self.seconds, lambda stage: status.update(f"measuring {stage}"), self.robot, self.paper_suite
+            )
         results_console(self.json).print(bench_table(figures, self.robot))
         if self.json:
             write_json(figures, self.json)

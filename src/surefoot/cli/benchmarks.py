@@ -139,23 +139,25 @@ def learning_over_environment(seconds: float, robot: str = "") -> dict[str, floa
 
 
 def ddpg_over_environment(seconds: float, robot: str = "") -> dict[str, float]:
-    """DDPG end to end, whose gradient steps are done while the robots move, against its environment alone."""
-    from surefoot.learning.models import make_model
-    from surefoot.learning.sb3 import SB3VecEnv
+    """DDPG end to end, whose gradient steps are done while the robots move, against its environment alone.
+
+    It learns for as long as a run measures its own speed, and for less if `seconds` are less.
+    """
+    from surefoot.learning.budget import MEASURED_SHARE, SPEED
+    from surefoot.learning.speed import learning_speed
 
     config = _config(robot, "ddpg")
-    config = dataclasses.replace(config, hyper={**config.hyper, "learning_starts": 8 * config.num_envs})
+    hyper = {**config.hyper, "learning_starts": 8 * config.num_envs}
+    config = dataclasses.replace(config, hyper=hyper, minutes=seconds / (60.0 * MEASURED_SHARE))
+    speed = learning_speed(config, lambda learner: None)[SPEED]
     env = PushRecoveryVectorEnv(config.num_envs, config.env)
-    venv = SB3VecEnv(env, config.privileged_critic)
-    model = make_model(config, venv, np.random.default_rng(0), config.hyper["learning_rate"])
-    model.learn(16 * config.num_envs)  # until it makes gradient steps
-    round_steps = 16 * config.num_envs
-    learned, learning_s = _rate(seconds, lambda: model.learn(round_steps, reset_num_timesteps=False))
+    env.reset(seed=0)
     actions = 0.2 * np.random.default_rng(0).standard_normal((config.num_envs, env.robot.num_joints))
-    moved, moving_s = _rate(0.25 * seconds, lambda: env.step(actions))
-    speed, alone = learned * round_steps / learning_s, moved * config.num_envs / moving_s
-    venv.close()
-    return {"bench.ddpg_policy_steps_per_s": round(speed), "bench.ddpg_over_env": round(speed / alone, 4)}
+    steps, spent, began = 0, 0.0, time.perf_counter()
+    while time.perf_counter() - began < 0.25 * seconds:
+        spent += _timed(lambda: env.step(actions))
+        steps += config.num_envs
+    return {"bench.ddpg_policy_steps_per_s": round(speed), "bench.ddpg_over_env": round(speed * spent / steps, 4)}
 
 
 def trials_over_physics(seconds: float, robot: str = "") -> dict[str, float]:
@@ -287,12 +289,3 @@ def _timed(function: Callable[[], object]) -> float:
     began = time.perf_counter()
     function()
     return time.perf_counter() - began
-
-
-def _rate(seconds: float, call: Callable[[], object]) -> tuple[int, float]:
-    """Call again and again for so many seconds: how often, and how long it took [s]."""
-    calls, began = 0, time.perf_counter()
-    while time.perf_counter() - began < seconds:
-        call()
-        calls += 1
-    return calls, time.perf_counter() - began

@@ -50,17 +50,15 @@ def kept_table(policies: Mapping[tuple[str, str], Sequence[Threshold]]) -> Table
         policies: exported thresholds by the policy's name and the robot's; "NAME in ENGINE" is the same policy in
             another engine.
     """
-    rows: list[list[str]] = []
-    directions: dict[str, None] = {}
+    pairs = []
     for (shown, robot), thresholds in policies.items():
         name, _, engine = shown.partition(" in ")
         ours, theirs = by_scenario(policies.get((name, robot), [])), by_scenario(thresholds)
         for words, scenario in (("any", "root_push"), ("within limits", limited_name("root_push"))):
-            first, second = ours.get(scenario, {}), theirs.get(scenario, {})
-            if engine and first and second:
-                directions |= dict.fromkeys(first)
-                cells = (_ratio(first.get(direction), second.get(direction)) for direction in directions)
-                rows.append([name, engine, words, *cells])
+            if engine and scenario in ours and scenario in theirs:
+                pairs.append(([name, engine, words], ours[scenario], theirs[scenario]))
+    directions = list(dict.fromkeys(direction for _, ours, _ in pairs for direction in ours))
+    rows = [[*words, *(_ratio(ours.get(d), theirs.get(d)) for d in directions)] for words, ours, theirs in pairs]
     note = "Each cell is the rejected impulse in the other engine over the one in MuJoCo [Ns], and their ratio."
     return Table("Kept in another engine", ["policy", "engine", "joint speeds", *directions], rows, note)
 
