@@ -21,8 +21,9 @@ from surefoot.agents.nominal import NominalAgent
 from surefoot.errors import UserError
 from surefoot.evaluation.evaluate import find_thresholds
 from surefoot.evaluation.results import Results
-from surefoot.evaluation.results_export import read_by_robot, read_thresholds
+from surefoot.evaluation.results_export import read_measured, read_thresholds
 from surefoot.evaluation.scenarios import Scenario
+from surefoot.evaluation.setup import Measured
 from surefoot.evaluation.suites import PAPER, ROBUSTNESS
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trial_json import trial_from_json, trial_to_json
@@ -158,10 +159,10 @@ def test_of_several_tables_the_first_that_has_a_policy_counts(tmp_path: Path) ->
                 results.trials_of(agent)
                 results.add_thresholds(agent, [a_threshold(push, 0, size)])
             results.export("thresholds", tmp_path / f"{name}.csv")
-    found = read_by_robot([tmp_path / "a.csv", tmp_path / "b.csv"])
+    found = read_measured([tmp_path / "a.csv", tmp_path / "b.csv"])
     assert {key: [t.size for t in thresholds] for key, thresholds in found.items()} == {
-        ("nominal-bent", "valkyrie"): [48.0],
-        ("nominal-straight", "valkyrie"): [30.0],
+        Measured("nominal-bent", "valkyrie"): [48.0],
+        Measured("nominal-straight", "valkyrie"): [30.0],
     }
 
 

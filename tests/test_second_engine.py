@@ -18,7 +18,7 @@ from surefoot.evaluation.replay import replay as run_again
 from surefoot.evaluation.results import Results
 from surefoot.evaluation.results_export import read_thresholds
 from surefoot.evaluation.scenarios import Line, Scenario
-from surefoot.evaluation.setup import Setup
+from surefoot.evaluation.setup import Measured, Setup
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.physics.engines import ENGINES
 from surefoot.report.engine_table import engine_table, kept_table
@@ -119,10 +119,10 @@ def test_a_table_of_exported_thresholds_says_what_is_kept_in_each_direction() ->
     left = Line(threshold(60.0).line.scenario, "left", 1.57)
     no_left = replace(threshold(0.0), line=left)
     policies = {
-        ("a", "valkyrie"): [threshold(60.0), no_left],
-        ("a in pybullet", "valkyrie"): [threshold(48.0), replace(no_left, size=6.0)],
-        ("b in pybullet", "valkyrie"): [threshold(48.0)],
-        ("a in pybullet", "g1"): [threshold(48.0)],
+        Measured("a", "valkyrie"): [threshold(60.0), no_left],
+        Measured("a", "valkyrie", "pybullet"): [threshold(48.0), replace(no_left, size=6.0)],
+        Measured("b", "valkyrie", "pybullet"): [threshold(48.0)],
+        Measured("a", "g1", "pybullet"): [threshold(48.0)],
     }
     found = kept_table(policies)
     assert found.columns == ["policy", "engine", "joint speeds", "forward", "left"]

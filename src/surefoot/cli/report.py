@@ -74,19 +74,19 @@ class Table:
     def main(self) -> None:
         """Print the table."""
         from surefoot.agents.load import usual_robot
-        from surefoot.evaluation.results_export import read_by_robot
+        from surefoot.evaluation.results_export import read_measured
         from surefoot.report.engine_table import kept_table
         from surefoot.report.paper_tables import table_1
         from surefoot.report.threshold_tables import seeds_table, summary_table, worst_table
 
-        by_robot = read_by_robot(self.thresholds)
-        policies = {name: found for (name, _), found in by_robot.items()}
+        measured = read_measured(self.thresholds)
+        policies = {key.shown: found for key, found in measured.items()}
         if self.show == "seeds":
             table = seeds_table((name.rsplit("-", 1)[0], found) for name, found in policies.items())
         elif self.show == "summary":
-            table = summary_table(by_robot)
+            table = summary_table(measured)
         elif self.show == "kept":
-            table = kept_table(by_robot)
+            table = kept_table(measured)
         elif self.show == "worst":
             table = worst_table(policies, usual_robot())
         else:

@@ -42,7 +42,8 @@ class Train(Work):
     """Learn only this stage of the preset `complete` or `best`, after the stage before it or after --warm-start. With
     --warm-start the default is the last stage. A wrong name is answered with the valid ones."""
     run: Path | None = None
-    """Folder of the run. The default is runs/PRESET-ALGORITHM-SEED (runs/best-SEED)."""
+    """Folder of the run. The default is runs/PRESET-ALGORITHM-SEED (runs/best-SEED), with the robot's name in front
+    after --robot (runs/g1-PRESET-ALGORITHM-SEED)."""
     minutes: float | None = None
     """Minutes to train, for each stage if there are several. The default is the preset's. With --resume it is the
     total, including earlier sessions. The speed is measured first, and the minutes are converted into policy steps."""

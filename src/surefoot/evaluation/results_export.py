@@ -15,6 +15,7 @@ from surefoot.checks import MAX_PATH, check_text, read_text
 from surefoot.errors import UserError
 from surefoot.evaluation.results_old import threshold_row
 from surefoot.evaluation.results_schema import Key, as_dicts, latest, threshold_of
+from surefoot.evaluation.setup import Measured
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.whole_file import write_whole
 
@@ -94,31 +95,31 @@ def read_threshold_rows(path: str | Path) -> list[ThresholdRow]:
 
 
 def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
-    """The exported thresholds of every policy in a .csv file, by the policy's name and, behind it, another engine's.
+    """The exported thresholds of every policy in a .csv file, by its name in tables; its robots' follow each other.
 
     Raises:
         UserError: the file is missing or is not such a table.
     """
     found: dict[str, list[Threshold]] = {}
-    for row in read_threshold_rows(path):
-        found.setdefault(row.key.setup.shown(row.name), []).append(row.threshold)
+    for measured, thresholds in read_measured([path]).items():
+        found.setdefault(measured.shown, []).extend(thresholds)
     return found
 
 
-def read_by_robot(paths: Sequence[str | Path]) -> dict[tuple[str, str], list[Threshold]]:
-    """The exported thresholds of several .csv files, by the policy's name, as in `read_thresholds`, and its robot.
+def read_measured(paths: Sequence[str | Path]) -> dict[Measured, list[Threshold]]:
+    """The exported thresholds of several .csv files, by policy, robot and engine.
 
     Of a policy that stands in several files, with the same robot and engine, the rows of the first file count.
 
     Raises:
         UserError: a file is missing or is not such a table.
     """
-    found: dict[tuple[str, str], list[Threshold]] = {}
+    found: dict[Measured, list[Threshold]] = {}
     for path in paths:
-        of_file: dict[tuple[str, str], list[Threshold]] = {}
+        of_file: dict[Measured, list[Threshold]] = {}
         for row in read_threshold_rows(path):
             setup = row.key.setup
-            of_file.setdefault((setup.shown(row.name), setup.robot), []).append(row.threshold)
+            of_file.setdefault(Measured(row.name, setup.robot, setup.engine_word), []).append(row.threshold)
         found |= {key: rows for key, rows in of_file.items() if key not in found}
     return found
 

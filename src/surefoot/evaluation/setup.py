@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.physics.engines import DEFAULT_ENGINE, ENGINES, engine_kind
@@ -10,6 +11,25 @@ from surefoot.robots import Robot, load_robot
 
 UNKNOWN_PROTOCOL = 0
 """Version that stands for all protocols from before versions were counted."""
+
+
+class Measured(NamedTuple):
+    """What thresholds were measured of: the key of tables with several policies, robots and engines.
+
+    Attributes:
+        name: of the policy or controller.
+        robot: its name.
+        engine: name of the physics engine, without its version.
+    """
+
+    name: str
+    robot: str
+    engine: str = DEFAULT_ENGINE
+
+    @property
+    def shown(self) -> str:
+        """The name in tables, with the engine that is not the default one."""
+        return self.name if self.engine == DEFAULT_ENGINE else f"{self.name} in {self.engine}"
 
 
 @dataclass(frozen=True, order=True)
@@ -50,7 +70,7 @@ class Setup:
 
     def shown(self, name: str) -> str:
         """The name of a policy or controller in tables, with the engine that is not the default one."""
-        return name if self.engine_word == DEFAULT_ENGINE else f"{name} in {self.engine_word}"
+        return Measured(name, self.robot, self.engine_word).shown
 
     @property
     def is_known(self) -> bool:

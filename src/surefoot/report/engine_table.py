@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.scenarios import limited_name
+from surefoot.evaluation.setup import Measured
 from surefoot.evaluation.threshold_search import Threshold, wilson_interval
 from surefoot.evaluation.trials import Trial
 from surefoot.physics.engines import DEFAULT_ENGINE
@@ -43,20 +44,17 @@ def engine_table(evaluations: Sequence[Evaluation]) -> Table:
     return Table("In another engine", columns, rows, _NOTE + below)
 
 
-def kept_table(policies: Mapping[tuple[str, str], Sequence[Threshold]]) -> Table:
-    """The rejected impulses at the root that other engines keep, two rows for each policy and engine.
-
-    Args:
-        policies: exported thresholds by the policy's name and the robot's; "NAME in ENGINE" is the same policy in
-            another engine.
-    """
+def kept_table(policies: Mapping[Measured, Sequence[Threshold]]) -> Table:
+    """The rejected impulses at the root that other engines keep, two rows for each policy and engine."""
     pairs = []
-    for (shown, robot), thresholds in policies.items():
-        name, _, engine = shown.partition(" in ")
-        ours, theirs = by_scenario(policies.get((name, robot), [])), by_scenario(thresholds)
+    for measured, thresholds in policies.items():
+        if measured.engine == DEFAULT_ENGINE:
+            continue
+        here = measured._replace(engine=DEFAULT_ENGINE)
+        ours, theirs = by_scenario(policies.get(here, [])), by_scenario(thresholds)
         for words, scenario in (("any", "root_push"), ("within limits", limited_name("root_push"))):
-            if engine and scenario in ours and scenario in theirs:
-                pairs.append(([name, engine, words], ours[scenario], theirs[scenario]))
+            if scenario in ours and scenario in theirs:
+                pairs.append(([measured.name, measured.engine, words], ours[scenario], theirs[scenario]))
     directions = list(dict.fromkeys(direction for _, ours, _ in pairs for direction in ours))
     rows = [[*words, *(_ratio(ours.get(d), theirs.get(d)) for d in directions)] for words, ours, theirs in pairs]
     note = "Each cell is the rejected impulse in the other engine over the one in MuJoCo [Ns], and their ratio."

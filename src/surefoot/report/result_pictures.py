@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from surefoot.evaluation.strategy_map import StrategyCell
 from surefoot.evaluation.threshold_search import Threshold
 from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.rendering.image_files import save_picture
-from surefoot.rendering.recording import record
+from surefoot.rendering.recording import Recording, record
 from surefoot.rendering.strip import filmstrip
 from surefoot.report import paper
 from surefoot.report.bounds import capture_point_bound, worse_bounds
@@ -21,7 +22,8 @@ from surefoot.report.thresholds import LATERAL, SAGITTAL, root_pushes, root_word
 from surefoot.robots import Robot
 from surefoot.task.agent import Agent
 
-STRIP_SEED = 0
+BEYOND = 1.5
+"""The push of a film strip that the policy does not reject, as a multiple of its largest threshold."""
 
 
 def draw_thresholds(policies: Mapping[str, Sequence[Threshold]], robot: Robot, folder: Path) -> list[Path]:
@@ -72,7 +74,7 @@ def draw_strategies(cells: Sequence[StrategyCell], policy: Agent, folder: Path) 
 
 
 def draw_strip(policy: Agent, thresholds: Sequence[Threshold], path: Path) -> Path:
-    """A film strip of the policy's largest rejected pushes forward and to the left, and of one that it does not.
+    """A film strip of the policy's largest rejected pushes forward and to the left, and of one that it does not reject.
 
     Raises:
         UserError: there is no OpenGL to draw with.
@@ -80,12 +82,20 @@ def draw_strip(policy: Agent, thresholds: Sequence[Threshold], path: Path) -> Pa
     pushes = root_pushes(thresholds)
     forward, left = pushes["forward"], pushes["left"]
     too_much = max(pushes.values(), key=lambda t: t.size)
-    trials = [t.line.trial(round(t.size / t.line.grid), STRIP_SEED, full_length=True) for t in (forward, left)]
-    cell = round(1.5 * too_much.size / too_much.line.grid) + 5
-    trials.append(too_much.line.trial(cell, STRIP_SEED, full_length=True))
-    recordings = [record(policy, trial) for trial in trials]
+    recordings = [recovered_recording(policy, threshold) for threshold in (forward, left)]
+    cell = round(BEYOND * too_much.size / too_much.line.grid) + 5
+    recordings.append(record(policy, too_much.line.trial(cell, 0, full_length=True)))
     save_picture(path, filmstrip(recordings))
     return path
+
+
+def recovered_recording(policy: Agent, threshold: Threshold) -> Recording:
+    """The first recovered trial at a threshold, where one of 20 may fail; the first trial if none recovers."""
+    line = threshold.line
+    trials = (line.trial(round(threshold.size / line.grid), seed, full_length=True) for seed in range(threshold.trials))
+    recordings = (record(policy, trial) for trial in trials)
+    first = next(recordings)
+    return next((each for each in chain([first], recordings) if each.outcome.recovered), first)
 
 
 def bar_row(name: str, thresholds: Sequence[Threshold]) -> BarRow:

@@ -9,8 +9,10 @@ import numpy as np
 
 from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.scenarios import limited_name, readable_name
+from surefoot.evaluation.setup import Measured
 from surefoot.evaluation.suites import PAPER
 from surefoot.evaluation.threshold_search import Threshold
+from surefoot.physics.engines import DEFAULT_ENGINE
 from surefoot.report import paper
 from surefoot.report.bounds import capture_point_bound
 from surefoot.report.table import Table
@@ -103,17 +105,15 @@ def worst_table(policies: Mapping[str, Sequence[Threshold]], robot: Robot) -> Ta
     return Table("The worst direction of every scenario", columns, rows, note)
 
 
-def summary_table(policies: Mapping[tuple[str, str], Sequence[Threshold]]) -> Table:
+def summary_table(policies: Mapping[Measured, Sequence[Threshold]]) -> Table:
     """The hardest pushes that each policy survives, one short row each: the paper's robot first, the strongest first.
 
-    Args:
-        policies: thresholds by the policy's name and the robot's; "NAME in ENGINE" is the same policy in another
-            engine. If there are several robots, the worst direction also stands per mass.
+    Another engine has a column. If there are several robots, the worst direction also stands per mass.
     """
     every = {key: by_scenario(thresholds) for key, thresholds in policies.items()}
-    found = {key: of_one for key, of_one in every.items() if "root_push" in of_one and " in " not in key[0]}
-    engines = dict.fromkeys(name.partition(" in ")[2] for name, _ in every if " in " in name)
-    names = {robot for _, robot in found}
+    found = {key: of_one for key, of_one in every.items() if "root_push" in of_one and key.engine == DEFAULT_ENGINE}
+    engines = [engine for engine in dict.fromkeys(key.engine for key in every) if engine != DEFAULT_ENGINE]
+    names = {key.robot for key in found}
     robots = {name: load_robot(name) for name in names} if len(names) > 1 else {}
     num_directions = max((len(of_one["root_push"]) for of_one in found.values()), default=0)
     shown = {
@@ -121,14 +121,14 @@ def summary_table(policies: Mapping[tuple[str, str], Sequence[Threshold]]) -> Ta
         for words, scenario, choose in _SUMMARY
     }
     for engine in engines:
-        there = {(name, robot): every.get((f"{name} in {engine}", robot), {}) for name, robot in found}
+        there = {key: every.get(key._replace(engine=engine), {}) for key in found}
         shown[f"in {engine}"] = {key: _extreme(of, "root_push", min, num_directions) for key, of in there.items()}
     worst = {key: min(t.size for t in of_one["root_push"].values()) for key, of_one in found.items()}
     if robots:
-        shown["worst [Ns/kg]"] = {key: f"{size / robots[key[1]].mass:.2f}" for key, size in worst.items()}
+        shown["worst [Ns/kg]"] = {key: f"{size / robots[key.robot].mass:.2f}" for key, size in worst.items()}
     shown = {words: cells for words, cells in shown.items() if any(cells.values())}
-    order = sorted(found, key=lambda key: (bool(_robot_words(key[1], robots)), key[1], -worst[key]))
-    rows = [[key[0] + _robot_words(key[1], robots), *(cells[key] for cells in shown.values())] for key in order]
+    order = sorted(found, key=lambda key: (bool(_robot_words(key.robot, robots)), key.robot, -worst[key]))
+    rows = [[key.name + _robot_words(key.robot, robots), *(cells[key] for cells in shown.values())] for key in order]
     note = f"Values in Ns over {num_directions} directions; any other number of directions is given in brackets."
     return Table("Hardest push that each policy survives", ["", *shown], rows, note)
 
