@@ -97,7 +97,7 @@ results-ring: $(READY)
 	for r in g1 h1; do $(RUN_RING) nominal --robot $$r || exit 1; done
 	$(RUN_RING) results/g1/g1-ddpg.onnx
 	for c in FastSAC PPO; do $(RUN_RING) examples/holosoma.py:$$c --robot g1_arms --directions 8 || exit 1; done
-	$(RUN_RING) ppo --export-thresholds results/ring.csv
+	$(RUN_RING) best --export-thresholds results/ring.csv
 	$(BIN)/surefoot report $(RING) --no-trials --out runs/ring.html --markdown runs/ring.md
 
 # What PyBullet keeps of the thresholds at the root, of the shipped policies and of the classical controllers; PyBullet
