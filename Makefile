@@ -101,12 +101,16 @@ results-ring: $(READY)
 	$(BIN)/surefoot report $(RING) --no-trials --out runs/ring.html --markdown runs/ring.md
 
 # What PyBullet keeps of the thresholds at the root, of the shipped policies and of the classical controllers; PyBullet
-# needs about 45 minutes of one core for a policy.
+# needs about 45 minutes of one core for a policy, and half of that for a controller.
 results-engines: $(READY)
-	for p in best $(ALGORITHMS) $(CONTROLLERS:%=controllers/%); do for e in mujoco pybullet; do \
+	for p in best $(ALGORITHMS); do for e in mujoco pybullet; do \
 	    $(BIN)/surefoot evaluate $$p --engine $$e --results runs/engines.sqlite \
 	        --export-thresholds results/engines.csv || exit 1; done; done
-	$(BIN)/surefoot report runs/engines.sqlite --out runs/engines.html --markdown runs/engines.md
+	for c in $(CONTROLLERS); do for e in mujoco pybullet; do \
+	    $(BIN)/surefoot evaluate controllers/$$c --engine $$e --results runs/engines-controllers.sqlite \
+	        --export-thresholds results/engines-controllers.csv || exit 1; done; done
+	$(BIN)/surefoot report runs/engines.sqlite runs/engines-controllers.sqlite \
+	    --out runs/engines.html --markdown runs/engines.md
 
 # How policies, robots and engines answer pushes, an hour on two cores; surefoot pictures draws it.
 STRATEGIES := $(BIN)/surefoot strategies --trials 3 --out results/strategies.csv

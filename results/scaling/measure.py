@@ -3,6 +3,7 @@
 python results/scaling/measure.py overhead     a small suite by this process and by 2 Ray workers, in turns
 python results/scaling/measure.py messages     a rollout's way from a Ray worker to the learner
 python results/scaling/measure.py workers      policy steps per second of one training with 1, 2 and 4 Ray workers
+python results/scaling/measure.py tables AGENT the suite paper of an agent by every executor, and what the tables share
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 
 from surefoot.agents.load import load_agent
 from surefoot.evaluation.evaluate import evaluate
+from surefoot.evaluation.results import Results
 from surefoot.evaluation.scenarios import Scenario
 from surefoot.executors import Executor, open_executor
 
@@ -81,5 +83,26 @@ def workers() -> None:
                 print(f"{algorithm}, {count} workers: {steps / took:.0f}")
 
 
+def tables(agent: str) -> None:
+    """Print how long each executor takes for an agent's suite `paper`, and whether it finds what this process finds."""
+    thresholds, outcomes = {}, {}
+    with tempfile.TemporaryDirectory() as folder:
+        for kind in ("local", "processes", "ray", "dask"):
+            path = Path(folder) / f"{kind}.sqlite"
+            with open_executor(kind, workers=0 if kind == "local" else 2) as executor:
+                took = seconds(evaluate, agent, "paper", results=path, executor=executor)
+            with Results(path) as results:
+                found = results.thresholds_of(load_agent(agent).name)
+                thresholds[kind] = {(t.line.scenario.name, t.line.name): t for t in found}
+                outcomes[kind] = results.trials_of(load_agent(agent)).known
+            shared = outcomes[kind].keys() & outcomes["local"].keys()
+            differ = sum(outcomes[kind][trial] != outcomes["local"][trial] for trial in shared)
+            same = thresholds[kind] == thresholds["local"]
+            print(
+                f"{kind}: {took:.0f} s, {len(found)} thresholds, {'the same' if same else 'OTHERS'},"
+                f" {len(outcomes[kind])} trials, {len(shared)} of them in both, {differ} with another outcome"
+            )
+
+
 if __name__ == "__main__":
-    {"overhead": overhead, "messages": messages, "workers": workers}[sys.argv[1]]()
+    {"overhead": overhead, "messages": messages, "workers": workers, "tables": tables}[sys.argv[1]](*sys.argv[2:])
