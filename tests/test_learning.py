@@ -10,6 +10,7 @@ import torch
 from conftest import tiny
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import VecMonitor
+from torch import nn
 
 from surefoot.agents.network import NetworkAgent
 from surefoot.agents.policy_file import network_bytes
@@ -18,6 +19,7 @@ from surefoot.learning.actor import actor_network, network_layers
 from surefoot.learning.config import TrainConfig
 from surefoot.learning.ddpg import ExplorationNoise
 from surefoot.learning.models import limit_exploration, make_model
+from surefoot.learning.networks import SymmetricNetwork, linear_modules, mlp
 from surefoot.learning.preset_file import preset
 from surefoot.learning.run_folder import RunFolder
 from surefoot.learning.sb3 import SB3VecEnv
@@ -107,6 +109,7 @@ def test_a_mirrored_policy_acts_alike_on_both_sides_but_for_the_side_that_it_pre
     privileged_sign = [1, 1, 1, -1, 1, 1, -1, -1, 1, 1, 1, 1]
     other_side = np.concatenate([inputs[:, source] * sign, inputs[:, 47:] * privileged_sign], axis=1, dtype=np.float32)
     networks = model.policy.mlp_extractor
+    model.policy.set_training_mode(False)
     actions = model.predict(inputs, deterministic=True)[0]
     value = model.policy.predict_values(torch.as_tensor(inputs)).detach()
     uneven = model.predict(other_side, deterministic=True)[0] - actions[:, joint_source] * joint_sign
@@ -117,6 +120,20 @@ def test_a_mirrored_policy_acts_alike_on_both_sides_but_for_the_side_that_it_pre
     np.testing.assert_allclose(mirrored, actions[:, joint_source] * joint_sign, atol=1e-5)
     np.testing.assert_allclose(model.policy.predict_values(torch.as_tensor(other_side)).detach(), value, atol=1e-4)
     assert value.std() > 0.1
+
+
+def test_a_symmetric_critic_learns_from_one_side_of_each_sample_and_both_are_drawn() -> None:
+    torch.manual_seed(0)
+    inward = np.array([1, 0]), np.array([1.0, 1.0])  # the mirror image of (a, b) is (b, a)
+    critic = SymmetricNetwork(mlp(2, [], 1, nn.ReLU), inward, None)
+    (linear,) = linear_modules(critic)
+    linear.weight.data, linear.bias.data, critic.side.data = torch.tensor([[1.0, 10.0]]), torch.zeros(1), torch.ones(1)
+    # f(2, 3) = 2 + 30 + 1 = 33, and its mirror image 3 + 20 - 1 = 22; their mean is 27.5.
+    inputs = torch.tensor([[2.0, 3.0]]).repeat(1000, 1)
+    drawn = critic.train()(inputs)
+    assert set(drawn.flatten().tolist()) == {33.0, 22.0}
+    assert drawn.mean().item() == pytest.approx(27.5, abs=1.0)  # a standard deviation of 5.5 / sqrt(1000) = 0.17
+    assert set(critic.eval()(inputs).flatten().tolist()) == {27.5}
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

@@ -26,6 +26,9 @@ class SymmetricNetwork(nn.Module):
     It is (f(s, 1) + mirror(f(mirror(s), -1))) / 2; of a scalar output there is no outer mirror. Without the preference
     a robot that stands evenly on both feet and is pushed straight ahead could not choose the foot to step with.
 
+    A scalar network that learns (training mode) returns one of the two terms, drawn anew for each input. Both then
+    learn from half the samples each, for half the work.
+
     Args:
         network: f of s alone.
         inward: mirror of the input.
@@ -43,9 +46,13 @@ class SymmetricNetwork(nn.Module):
         self.outward = tensors(outward) if outward else None
 
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Return f and its mirror image in the mean."""
+        """Return f and its mirror image in the mean, or a scalar's drawn term while it learns."""
         first, *others = self.network.children()
         source, sign = self.inward
+        if self.training and not self.outward:
+            side = 1.0 - 2.0 * torch.randint(2, (len(inputs), 1))
+            drawn = torch.where(side > 0.0, inputs, inputs[:, source] * sign)
+            return nn.Sequential(*others)(torch.addmm(first(drawn), side, self.side[None]))
         there, mirrored = first(inputs) + self.side, first(inputs[:, source] * sign) - self.side
         for module in others:
             there, mirrored = module(there), module(mirrored)
