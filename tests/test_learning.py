@@ -109,7 +109,6 @@ def test_a_mirrored_policy_acts_alike_on_both_sides_but_for_the_side_that_it_pre
     privileged_sign = [1, 1, 1, -1, 1, 1, -1, -1, 1, 1, 1, 1]
     other_side = np.concatenate([inputs[:, source] * sign, inputs[:, 47:] * privileged_sign], axis=1, dtype=np.float32)
     networks = model.policy.mlp_extractor
-    model.policy.set_training_mode(False)
     actions = model.predict(inputs, deterministic=True)[0]
     value = model.policy.predict_values(torch.as_tensor(inputs)).detach()
     uneven = model.predict(other_side, deterministic=True)[0] - actions[:, joint_source] * joint_sign

@@ -118,6 +118,7 @@ class GaussianPolicy(ActorCriticPolicy):
         # What SB3 puts behind the two networks has nothing to do.
         self.action_net = self.value_net = nn.Identity()  # type: ignore[assignment]
         self.optimizer = torch.optim.Adam(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+        self.set_training_mode(False)  # as SB3 does before it collects; a critic has one value for an observation then
 
     def _build_mlp_extractor(self) -> None:
         assert isinstance(self.net_arch, dict)
