@@ -28,7 +28,8 @@ ROOT = Path(__file__).parent.parent
 THRESHOLDS = ROOT / "results" / "thresholds.csv"
 
 TABLE = re.compile(
-    r"<!-- (?P<name>[^:\n]+): (?P<command>surefoot table [^\n]* --markdown) -->\n(?P<text>.*?)<!-- end of (?P=name) -->",
+    r"<!-- (?P<name>[^:\n]+): (?P<command>surefoot table [^\n]* --markdown) -->\n"
+    r"(?P<text>.*?)<!-- end of (?P=name) -->",
     re.DOTALL,
 )
 
