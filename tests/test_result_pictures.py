@@ -17,3 +17,10 @@ def test_a_strip_shows_at_a_threshold_the_first_trial_that_recovers() -> None:
     recording = recovered_recording(agent, Threshold(line, 60.0, 2, 0, 0.0, 1.0, "share"))
     assert not recording.outcome.recovered
     assert recording.trial == line.trial(10, 0, full_length=True)
+
+
+def test_a_strip_of_a_policy_that_rejects_nothing_shows_it_without_a_push() -> None:
+    agent, line = NominalAgent(usual_robot(), "straight"), next(iter(Scenario("root_push").lines()))
+    recording = recovered_recording(agent, Threshold(line, 0.0, 0, 0, 0.0, 1.0, "gives way"))
+    assert recording.trial == line.trial(0, 0, full_length=True)
+    assert recording.trial.push.impulse == 0.0

@@ -184,6 +184,4 @@ def chosen_scenarios(suite: str, directions: int | None, robot: Robot) -> list[S
 
 def full_length_outcomes(threshold: Threshold, store: Store) -> list[Outcome]:
     """Outcomes of the full-length trials at a threshold."""
-    cell = round(threshold.size / threshold.line.grid)
-    trials = (threshold.line.trial(cell, seed, full_length=True) for seed in range(threshold.trials))
-    return [outcome for trial in trials if (outcome := store.get(trial))]
+    return [outcome for trial in threshold.full_length_trials() if (outcome := store.get(trial))]

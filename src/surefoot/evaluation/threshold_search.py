@@ -53,6 +53,11 @@ class Threshold:
     high: float
     limited_by: str
 
+    def full_length_trials(self) -> list[Trial]:
+        """Return the full-length trials at that size; none at a size of 0."""
+        cell = round(self.size / self.line.grid)
+        return [self.line.trial(cell, seed, full_length=True) for seed in range(self.trials)]
+
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """The Wilson 95 % score interval of a share (E. B. Wilson 1927); (0, 1) for no trials."""

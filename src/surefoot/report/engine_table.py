@@ -89,8 +89,7 @@ def _thresholds(first: Evaluation, second: Evaluation) -> Iterator[tuple[Thresho
 
 def _full_length(threshold: Threshold, evaluation: Evaluation) -> dict[Trial, Outcome]:
     """The full-length trials at a threshold, by trial."""
-    cell = round(threshold.size / threshold.line.grid)
-    trials = [threshold.line.trial(cell, seed, full_length=True) for seed in range(threshold.trials)]
+    trials = threshold.full_length_trials()
     return {trial: evaluation.outcomes[trial] for trial in trials if trial in evaluation.outcomes}
 
 

@@ -11,7 +11,6 @@ from typing import Any
 from surefoot.agents.controllers.step_times import Timing
 from surefoot.checks import check_fields
 from surefoot.errors import UserError
-from surefoot.evaluation.evaluate import full_length_outcomes
 from surefoot.evaluation.outcome import Outcome
 from surefoot.evaluation.results import Results, open_results
 from surefoot.evaluation.results_check import reading
@@ -218,11 +217,7 @@ def _cases(thresholds: Sequence[Threshold], fixed: Fixed, store: TrialStore) -> 
 def _largest_recovered(thresholds: Iterable[Threshold], store: TrialStore) -> Case | None:
     """The first recovered full-length trial at the largest of the thresholds."""
     largest = max(thresholds, key=lambda t: t.size, default=None)
-    if largest is None or not full_length_outcomes(largest, store):
-        return None
-    cell = round(largest.size / largest.line.grid)
-    for seed in range(largest.trials):
-        trial = largest.line.trial(cell, seed, full_length=True)
+    for trial in largest.full_length_trials() if largest else []:
         outcome = store.get(trial)
         if outcome and outcome.recovered:
             return Case(trial, outcome)

@@ -90,12 +90,14 @@ def draw_strip(policy: Agent, thresholds: Sequence[Threshold], path: Path) -> Pa
 
 
 def recovered_recording(policy: Agent, threshold: Threshold) -> Recording:
-    """The first recovered trial at a threshold, where one of 20 may fail; the first trial if none recovers."""
-    line = threshold.line
-    trials = (line.trial(round(threshold.size / line.grid), seed, full_length=True) for seed in range(threshold.trials))
-    recordings = (record(policy, trial) for trial in trials)
-    first = next(recordings)
-    return next((each for each in chain([first], recordings) if each.outcome.recovered), first)
+    """The first recovered trial at a threshold, where one of 20 may fail; the first trial if none recovers.
+
+    At a threshold of 0 it is a trial without a push.
+    """
+    trials = threshold.full_length_trials() or [threshold.line.trial(0, 0, full_length=True)]
+    first = record(policy, trials[0])
+    others = (record(policy, trial) for trial in trials[1:])
+    return next((each for each in chain([first], others) if each.outcome.recovered), first)
 
 
 def bar_row(name: str, thresholds: Sequence[Threshold]) -> BarRow:
