@@ -101,7 +101,7 @@ results-ring: $(READY)
 	$(BIN)/surefoot report $(RING) --no-trials --out runs/ring.html --markdown runs/ring.md
 
 # What PyBullet keeps of the thresholds at the root, of the shipped policies and of the classical controllers; PyBullet
-# needs about 45 minutes of one core for a policy, and half of that for a controller.
+# needs about 45 minutes of one core for a policy, and 15 to 40 for a controller.
 results-engines: $(READY)
 	for p in best $(ALGORITHMS); do for e in mujoco pybullet; do \
 	    $(BIN)/surefoot evaluate $$p --engine $$e --results runs/engines.sqlite \

@@ -83,18 +83,18 @@ def workers() -> None:
                 print(f"{algorithm}, {count} workers: {steps / took:.0f}")
 
 
-def tables(agent: str) -> None:
+def tables(name: str) -> None:
     """Print how long each executor takes for an agent's suite `paper`, and whether it finds what this process finds."""
-    thresholds, outcomes = {}, {}
+    agent, thresholds, outcomes = load_agent(name), {}, {}
     with tempfile.TemporaryDirectory() as folder:
         for kind in ("local", "processes", "ray", "dask"):
             path = Path(folder) / f"{kind}.sqlite"
             with open_executor(kind, workers=0 if kind == "local" else 2) as executor:
                 took = seconds(evaluate, agent, "paper", results=path, executor=executor)
             with Results(path) as results:
-                found = results.thresholds_of(load_agent(agent).name)
+                found = results.thresholds_of(agent.name)
                 thresholds[kind] = {(t.line.scenario.name, t.line.name): t for t in found}
-                outcomes[kind] = results.trials_of(load_agent(agent)).known
+                outcomes[kind] = results.trials_of(agent).known
             shared = outcomes[kind].keys() & outcomes["local"].keys()
             differ = sum(outcomes[kind][trial] != outcomes["local"][trial] for trial in shared)
             same = thresholds[kind] == thresholds["local"]

@@ -176,7 +176,7 @@ def trials_over_physics(seconds: float, robot: str = "") -> dict[str, float]:
 
     policy = standing_network(robot)
     line = Scenario("root_push", directions=1).lines(protocol_for(policy.robot))[0]
-    plain = {name: getattr(MujocoEngine, name) for name in ("advance", "_relax")}
+    plain = {name: getattr(MujocoEngine, name) for name in ("advance", "relax")}
     for name, physics in plain.items():
         setattr(MujocoEngine, name, timed(physics))
     began = time.perf_counter()

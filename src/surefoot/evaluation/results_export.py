@@ -95,7 +95,9 @@ def read_threshold_rows(path: str | Path) -> list[ThresholdRow]:
 
 
 def read_thresholds(path: str | Path) -> dict[str, list[Threshold]]:
-    """The exported thresholds of every policy in a .csv file, by its name in tables; its robots' follow each other.
+    """The exported thresholds of every policy in a .csv file, by its name in tables.
+
+    If a policy was measured with several robots, the thresholds of one follow those of the other.
 
     Raises:
         UserError: the file is missing or is not such a table.

@@ -48,14 +48,13 @@ class SymmetricNetwork(nn.Module):
     def forward(self, inputs: torch.Tensor) -> torch.Tensor:
         """Return f and its mirror image in the mean, or a scalar's drawn term while it learns."""
         first, *others = self.network.children()
+        rest = nn.Sequential(*others)
         source, sign = self.inward
         if self.training and not self.outward:
             side = 1.0 - 2.0 * torch.randint(2, (len(inputs), 1))
             drawn = torch.where(side > 0.0, inputs, inputs[:, source] * sign)
-            return nn.Sequential(*others)(torch.addmm(first(drawn), side, self.side[None]))
-        there, mirrored = first(inputs) + self.side, first(inputs[:, source] * sign) - self.side
-        for module in others:
-            there, mirrored = module(there), module(mirrored)
+            return rest(torch.addmm(first(drawn), side, self.side[None]))
+        there, mirrored = rest(first(inputs) + self.side), rest(first(inputs[:, source] * sign) - self.side)
         if self.outward:
             source, sign = self.outward
             mirrored = mirrored[:, source] * sign

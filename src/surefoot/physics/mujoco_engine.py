@@ -106,11 +106,12 @@ class MujocoEngine:
         clearance = (corners @ self._floor_normal / self._floor_normal[2]).min(axis=(1, 2, 3))
         self._qpos[ids, 2] += height - _TOUCH - clearance
         on_floor = np.equal(height, 0.0) & np.equal(roll, 0.0) & np.equal(pitch, 0.0)
-        self._relax(ids[np.broadcast_to(on_floor, len(ids))])
+        self.relax(ids[np.broadcast_to(on_floor, len(ids))])
         self.batch.forward(ids)
         return self.read(ids)
 
-    def _relax(self, ids: np.ndarray) -> None:
+    def relax(self, ids: np.ndarray) -> None:
+        """Let the weight of robots `ids` (n,) settle on their feet, and end at rest; bare physics, as `advance`."""
         if not len(ids):
             return
         num_ticks = round(_RELAX_S / self.model.opt.timestep)
